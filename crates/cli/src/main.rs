@@ -1,0 +1,2 @@
+//! The offline command line of PFD-SLAM.
+fn main() {}

@@ -1,0 +1,1 @@
+//! RGB-D sequences in TUM layout

@@ -1,0 +1,1 @@
+//! Trajectory and mask metrics: ATE, RPE, precision, recall, IoU

@@ -1,0 +1,1 @@
+//! ROS 2 nodes: segmentation, tracking, bag replay, composed

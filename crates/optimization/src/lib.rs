@@ -1,0 +1,1 @@
+//! Sparse non-linear least squares on faer; knows no SLAM

@@ -1,0 +1,1 @@
+//! Parameters: ROS 2 parameter files, descriptions, validation

@@ -1,0 +1,1 @@
+//! Segmentation and tracking composed, with observers

@@ -1,0 +1,1 @@
+//! ROS 2 transport; the only crate that knows ros2-client

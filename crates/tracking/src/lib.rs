@@ -1,0 +1,1 @@
+//! RGB-D tracking and mapping

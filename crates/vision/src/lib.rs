@@ -1,0 +1,1 @@
+//! Image operations; the only crate that links OpenCV
