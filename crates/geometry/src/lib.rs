@@ -6,6 +6,7 @@
 //! * Pixel coordinates are `(u, v)` = (column, row); the centre of the top-left pixel is `(0, 0)`.
 //! * Depth is the z coordinate in the camera frame in metres; `0.0` means "no measurement".
 
+pub mod association;
 pub mod camera;
 pub mod frame;
 pub mod image;
@@ -13,6 +14,7 @@ pub mod pose;
 pub mod sensor;
 pub mod stamp;
 pub mod timing;
+pub mod trajectory;
 
 pub use camera::{Camera, CameraError, Distortion};
 pub use frame::{FrameError, RgbdFrame};
@@ -21,3 +23,4 @@ pub use pose::{Pose, StampedPose};
 pub use sensor::DepthNoise;
 pub use stamp::{Stamp, StampError};
 pub use timing::StageTimes;
+pub use trajectory::TrajectoryError;
