@@ -1,0 +1,105 @@
+//! Colour and depth image files.
+
+use std::io::BufReader;
+use std::path::Path;
+
+use image::{DynamicImage, ImageReader, Limits};
+use pfd_geometry::{Camera, GrayImage, Image, RgbImage};
+
+use crate::DatasetError;
+
+/// Reads a colour image, PNG or JPEG (by its content, not by its name); grey images become colour.
+///
+/// # Errors
+/// When the file cannot be read or decoded.
+pub fn read_color(path: &Path) -> Result<RgbImage, DatasetError> {
+    let image = decode(path)?.into_rgb8();
+    let (width, height) = image.dimensions();
+    let pixels = image.pixels().map(|p| p.0).collect();
+    from_pixels(path, width, height, pixels)
+}
+
+/// Reads a depth image: PNG with one channel of 16 bits, in sensor units.
+///
+/// # Errors
+/// When the file cannot be read or decoded, or is of another kind.
+pub fn read_depth(path: &Path) -> Result<Image<u16>, DatasetError> {
+    let image = match decode(path)? {
+        DynamicImage::ImageLuma16(image) => image,
+        other => {
+            let reason = format!("depth is an image with one channel of 16 bits, this one is {:?}", other.color());
+            return Err(DatasetError::Image { path: path.to_owned(), reason });
+        }
+    };
+    let (width, height) = image.dimensions();
+    from_pixels(path, width, height, image.into_raw())
+}
+
+/// Reads an image with one channel of 8 bits, such as a mask; colour is converted.
+///
+/// # Errors
+/// When the file cannot be read or decoded.
+pub fn read_gray(path: &Path) -> Result<GrayImage, DatasetError> {
+    let image = decode(path)?.into_luma8();
+    let (width, height) = image.dimensions();
+    from_pixels(path, width, height, image.into_raw())
+}
+
+/// Width and height of an image without decoding it.
+///
+/// # Errors
+/// When the file cannot be read or is no image.
+pub fn size(path: &Path) -> Result<(usize, usize), DatasetError> {
+    let (width, height) = reader(path)?.into_dimensions().map_err(|e| unreadable(path, &e))?;
+    Ok((width as usize, height as usize))
+}
+
+fn decode(path: &Path) -> Result<DynamicImage, DatasetError> {
+    reader(path)?.decode().map_err(|e| unreadable(path, &e))
+}
+
+fn reader(path: &Path) -> Result<ImageReader<BufReader<std::fs::File>>, DatasetError> {
+    let unreadable = |e: std::io::Error| DatasetError::Image { path: path.to_owned(), reason: e.to_string() };
+    let mut reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(unreadable)?;
+    // A file may claim any size: refuse it before memory is allocated.
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(Camera::MAX_SIDE as u32);
+    limits.max_image_height = Some(Camera::MAX_SIDE as u32);
+    reader.limits(limits);
+    Ok(reader)
+}
+
+fn unreadable(path: &Path, error: &image::ImageError) -> DatasetError {
+    DatasetError::Image { path: path.to_owned(), reason: format!("not readable as an image: {error}") }
+}
+
+fn from_pixels<T>(path: &Path, width: u32, height: u32, pixels: Vec<T>) -> Result<Image<T>, DatasetError> {
+    Image::from_vec(width as usize, height as usize, pixels)
+        .map_err(|e| DatasetError::Image { path: path.to_owned(), reason: e.to_string() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn depth_must_have_sixteen_bits() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("depth.png");
+        image::GrayImage::new(4, 2).save(&path).unwrap();
+        let error = read_depth(&path).unwrap_err().to_string();
+        assert!(error.contains("depth.png") && error.contains("16 bits"), "{error}");
+        image::ImageBuffer::from_pixel(4, 2, image::Luma([5000_u16])).save(&path).unwrap();
+        assert_eq!(read_depth(&path).unwrap().pixels(), [5000; 8]);
+        assert_eq!(size(&path).unwrap(), (4, 2));
+    }
+
+    #[test]
+    fn a_file_that_is_no_image_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.jpg");
+        std::fs::write(&path, b"not an image").unwrap();
+        assert!(read_color(&path).unwrap_err().to_string().contains("a.jpg"));
+        assert!(read_color(&folder.path().join("missing.png")).unwrap_err().concerns_one_frame());
+    }
+}
