@@ -1,0 +1,382 @@
+//! Oriented FAST corners with rotated BRIEF descriptors (ORB: Rublee et al., ICCV 2011), spread evenly over the image.
+
+use opencv::core::{KeyPoint, Mat, MatTraitConst, MatTraitConstManual, Rect, Size, Vector};
+use opencv::prelude::KeyPointTraitConst;
+use pfd_geometry::{GrayImage, Mask};
+
+use crate::convert::{VisionError, gray_as_mat};
+use crate::orb_pattern::{BITS, DIRECTIONS, PATTERN, RADIUS};
+
+/// A 256-bit binary descriptor.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Descriptor(pub [u64; BITS / 64]);
+
+impl Descriptor {
+    /// Number of differing bits, 0 to 256.
+    pub fn distance(&self, other: &Self) -> u32 {
+        self.0.iter().zip(&other.0).map(|(a, b)| (a ^ b).count_ones()).sum()
+    }
+}
+
+/// A corner with its descriptor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Feature {
+    /// Column in the full-size image, pixels.
+    pub u: f32,
+    /// Row in the full-size image, pixels.
+    pub v: f32,
+    /// Direction of the intensity centroid, radians.
+    pub angle: f32,
+    /// Pyramid level on which it was found; 0 is the full-size image.
+    pub level: u8,
+    /// FAST score.
+    pub response: f32,
+    /// Binary descriptor.
+    pub descriptor: Descriptor,
+}
+
+/// How features are extracted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FeatureOptions {
+    /// Features wanted in an image.
+    pub count: usize,
+    /// Pyramid levels.
+    pub levels: usize,
+    /// Ratio of the sizes of two levels, above 1.
+    pub scale: f64,
+    /// FAST threshold in grey levels.
+    pub threshold: i32,
+    /// FAST threshold for cells in which the first finds nothing.
+    pub low_threshold: i32,
+}
+
+impl FeatureOptions {
+    /// Size of a pixel of `level` in pixels of the full-size image.
+    pub fn level_scale(&self, level: u8) -> f64 {
+        self.scale.powi(i32::from(level))
+    }
+}
+
+/// Corners closer to the border than this have no complete descriptor patch (pixels of their level).
+const BORDER: i32 = RADIUS + 4;
+/// Side of the cells over which corners are spread (pixels of the level).
+const CELL: i32 = 32;
+/// Smoothing before the binary tests (Calonder et al., section 3.1: kernel 9, here 7 as ORB has it).
+const BLUR_KERNEL: i32 = 7;
+const BLUR_SIGMA: f64 = 2.0;
+
+/// Extracts features; keeps its buffers from frame to frame.
+pub struct FeatureExtractor {
+    options: FeatureOptions,
+    levels: Vec<Level>,
+}
+
+/// One level of the pyramid.
+#[derive(Default)]
+struct Level {
+    image: Mat,
+    blurred: Mat,
+}
+
+/// A corner in the coordinates of its level.
+#[derive(Clone, Copy)]
+struct Corner {
+    x: i32,
+    y: i32,
+    response: f32,
+}
+
+impl FeatureExtractor {
+    /// An extractor with empty buffers.
+    pub fn new(options: FeatureOptions) -> Self {
+        let levels = (0..options.levels.max(1)).map(|_| Level::default()).collect();
+        Self { options, levels }
+    }
+
+    /// The options it was made with.
+    pub fn options(&self) -> &FeatureOptions {
+        &self.options
+    }
+
+    /// Features of `image` that lie outside the dynamic pixels of `mask`.
+    ///
+    /// # Errors
+    /// When the sizes of image and mask differ, or OpenCV fails.
+    pub fn extract(&mut self, image: &GrayImage, mask: Option<&Mask>) -> Result<Vec<Feature>, VisionError> {
+        if let Some(mask) = mask
+            && mask.image().size() != image.size()
+        {
+            return Err(VisionError::SizeMismatch(image.size(), mask.image().size()));
+        }
+        self.build_pyramid(image)?;
+        let mut features = Vec::with_capacity(self.options.count + self.options.count / 4);
+        for level in 0..self.levels.len() {
+            self.extract_level(level, mask, &mut features)?;
+        }
+        Ok(features)
+    }
+
+    fn build_pyramid(&mut self, image: &GrayImage) -> Result<(), VisionError> {
+        gray_as_mat(image)?.copy_to(&mut self.levels[0].image)?;
+        for level in 1..self.levels.len() {
+            let scale = self.options.level_scale(level as u8);
+            let size = Size::new(
+                (image.width() as f64 / scale).round().max(1.0) as i32,
+                (image.height() as f64 / scale).round().max(1.0) as i32,
+            );
+            let (finer, coarser) = self.levels.split_at_mut(level);
+            let source = &finer[level - 1].image;
+            opencv::imgproc::resize(source, &mut coarser[0].image, size, 0.0, 0.0, opencv::imgproc::INTER_LINEAR)?;
+        }
+        Ok(())
+    }
+
+    fn extract_level(&mut self, level: usize, mask: Option<&Mask>, out: &mut Vec<Feature>) -> Result<(), VisionError> {
+        let quota = self.quota(level);
+        let scale = self.options.level_scale(level as u8);
+        let Level { image, blurred } = &mut self.levels[level];
+        if image.cols() <= 2 * BORDER || image.rows() <= 2 * BORDER {
+            return Ok(());
+        }
+        let kept = |corner: &Corner| mask.is_none_or(|m| !is_masked(m, corner, scale));
+        let corners: Vec<Corner> = detect(image, &self.options)?.into_iter().filter(kept).collect();
+        let corners = spread(corners, image.size()?, quota);
+        if corners.is_empty() {
+            return Ok(());
+        }
+        let kernel = Size::new(BLUR_KERNEL, BLUR_KERNEL);
+        opencv::imgproc::gaussian_blur_def(image, blurred, kernel, BLUR_SIGMA)?;
+        let (pixels, smooth) = (image.data_typed::<u8>()?, blurred.data_typed::<u8>()?);
+        let stride = image.cols() as usize;
+        out.extend(corners.iter().map(|corner| {
+            let centre = corner.y as usize * stride + corner.x as usize;
+            let angle = centroid_angle(pixels, stride, centre);
+            let (dx, dy) = refine(pixels, stride, centre);
+            Feature {
+                u: ((f64::from(corner.x as f32 + dx) + 0.5) * scale - 0.5) as f32,
+                v: ((f64::from(corner.y as f32 + dy) + 0.5) * scale - 0.5) as f32,
+                angle,
+                level: level as u8,
+                response: corner.response,
+                descriptor: describe(smooth, stride, centre, angle),
+            }
+        }));
+        Ok(())
+    }
+
+    /// Features wanted on `level`: proportional to its side, as in ORB.
+    fn quota(&self, level: usize) -> usize {
+        let share = |l: usize| self.options.scale.powi(-(l as i32));
+        let total: f64 = (0..self.levels.len()).map(share).sum();
+        (self.options.count as f64 * share(level) / total).round() as usize
+    }
+}
+
+/// Whether the pixel of the full-size image under `corner` is dynamic.
+fn is_masked(mask: &Mask, corner: &Corner, scale: f64) -> bool {
+    let u = ((f64::from(corner.x) + 0.5) * scale - 0.5).round().max(0.0) as usize;
+    let v = ((f64::from(corner.y) + 0.5) * scale - 0.5).round().max(0.0) as usize;
+    mask.is_dynamic(u, v)
+}
+
+/// FAST corners away from the border; cells without any are searched again with the low threshold.
+fn detect(image: &Mat, options: &FeatureOptions) -> Result<Vec<Corner>, VisionError> {
+    let inner = Rect::new(BORDER, BORDER, image.cols() - 2 * BORDER, image.rows() - 2 * BORDER);
+    let mut corners = fast(image, inner, options.threshold)?;
+    let columns = cells(inner.width);
+    let mut occupied = vec![false; (columns * cells(inner.height)) as usize];
+    for corner in &corners {
+        occupied[((corner.y - inner.y) / CELL * columns + (corner.x - inner.x) / CELL) as usize] = true;
+    }
+    for (index, _) in occupied.iter().enumerate().filter(|(_, occupied)| !**occupied) {
+        let (column, row) = (index as i32 % columns, index as i32 / columns);
+        let cell = Rect::new(inner.x + column * CELL, inner.y + row * CELL, CELL, CELL) & inner;
+        corners.extend(fast(image, cell, options.low_threshold)?);
+    }
+    Ok(corners)
+}
+
+/// Cells needed to cover `length` pixels.
+fn cells(length: i32) -> i32 {
+    (length + CELL - 1) / CELL
+}
+
+/// FAST corners inside `area`. The detector needs three pixels around a corner, which the border provides.
+fn fast(image: &Mat, area: Rect, threshold: i32) -> Result<Vec<Corner>, VisionError> {
+    const RING: i32 = 3;
+    // One more pixel on each side, so that non-maximum suppression sees the neighbours across the cell's edge.
+    const MARGIN: i32 = RING + 1;
+    let grown = Rect::new(area.x - MARGIN, area.y - MARGIN, area.width + 2 * MARGIN, area.height + 2 * MARGIN);
+    let mut keypoints = Vector::<KeyPoint>::new();
+    opencv::features2d::fast(&Mat::roi(image, grown)?, &mut keypoints, threshold, true)?;
+    Ok(keypoints
+        .iter()
+        .map(|k| Corner { x: k.pt().x as i32 + grown.x, y: k.pt().y as i32 + grown.y, response: k.response() })
+        .filter(|c| area.contains(opencv::core::Point::new(c.x, c.y)))
+        .collect())
+}
+
+/// Keeps about `quota` corners, the strongest of each cell, cells taking turns: first every cell's best, then every cell's
+/// second best, and so on.
+fn spread(mut corners: Vec<Corner>, size: Size, quota: usize) -> Vec<Corner> {
+    if corners.len() <= quota {
+        return corners;
+    }
+    let columns = cells(size.width);
+    let cell_of = |c: &Corner| (c.y / CELL * columns + c.x / CELL) as usize;
+    // A total order, so that equal scores do not make the result depend on the detector's order.
+    corners.sort_by(|a, b| b.response.total_cmp(&a.response).then((a.y, a.x).cmp(&(b.y, b.x))));
+    let mut rank_in_cell = vec![0_u32; (columns * cells(size.height)) as usize];
+    let mut ranked: Vec<(u32, Corner)> = corners
+        .into_iter()
+        .map(|corner| {
+            let rank = &mut rank_in_cell[cell_of(&corner)];
+            *rank += 1;
+            (*rank, corner)
+        })
+        .collect();
+    ranked.sort_by_key(|(rank, _)| *rank);
+    ranked.into_iter().take(quota).map(|(_, corner)| corner).collect()
+}
+
+/// Sub-pixel offset of the corner: the peak of a parabola through the smoothed gradient energy along each axis would need a
+/// corner measure per pixel, so the Förstner least-squares intersection of edge normals in a small window is used instead
+/// (Förstner and Gülch 1987).
+fn refine(pixels: &[u8], stride: usize, centre: usize) -> (f32, f32) {
+    const HALF_WINDOW: isize = 3;
+    // Beyond this the window was not centred on one corner.
+    const MAX_SHIFT: f32 = 1.0;
+    let (mut a, mut b, mut c, mut p, mut q) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+    for y in -HALF_WINDOW..=HALF_WINDOW {
+        for x in -HALF_WINDOW..=HALF_WINDOW {
+            let at = (centre as isize + y * stride as isize + x) as usize;
+            let gx = f32::from(pixels[at + 1]) - f32::from(pixels[at - 1]);
+            let gy = f32::from(pixels[at + stride]) - f32::from(pixels[at - stride]);
+            let (x, y) = (x as f32, y as f32);
+            a += gx * gx;
+            b += gx * gy;
+            c += gy * gy;
+            p += gx * gx * x + gx * gy * y;
+            q += gx * gy * x + gy * gy * y;
+        }
+    }
+    let determinant = a * c - b * b;
+    // Reject an edge: its normals do not intersect in a point.
+    if determinant <= 0.05 * (0.5 * (a + c)).powi(2) {
+        return (0.0, 0.0);
+    }
+    let (dx, dy) = ((c * p - b * q) / determinant, (a * q - b * p) / determinant);
+    if dx.abs() > MAX_SHIFT || dy.abs() > MAX_SHIFT { (0.0, 0.0) } else { (dx, dy) }
+}
+
+/// Direction from the corner to the intensity centroid of the disc around it (Rosin 1999; Rublee et al., section 3.2).
+fn centroid_angle(pixels: &[u8], stride: usize, centre: usize) -> f32 {
+    let (mut m01, mut m10) = (0_i32, 0_i32);
+    for y in -RADIUS..=RADIUS {
+        let half = f64::from(RADIUS * RADIUS - y * y).sqrt() as i32;
+        let row = (centre as isize + y as isize * stride as isize) as usize;
+        let line = &pixels[row - half as usize..=row + half as usize];
+        let (mut sum, mut moment) = (0_i32, 0_i32);
+        for (i, &value) in line.iter().enumerate() {
+            sum += i32::from(value);
+            moment += i32::from(value) * (i as i32 - half);
+        }
+        m10 += moment;
+        m01 += y * sum;
+    }
+    (m01 as f32).atan2(m10 as f32)
+}
+
+/// The 256 intensity comparisons of the pattern turned to `angle`.
+fn describe(smooth: &[u8], stride: usize, centre: usize, angle: f32) -> Descriptor {
+    let turns = f64::from(angle) / std::f64::consts::TAU;
+    let direction = ((turns * DIRECTIONS as f64).round() as i64).rem_euclid(DIRECTIONS as i64) as usize;
+    let at = |(x, y): (i8, i8)| smooth[(centre as isize + y as isize * stride as isize + x as isize) as usize];
+    let mut words = [0_u64; BITS / 64];
+    for (bit, &[a, b]) in PATTERN[direction].iter().enumerate() {
+        words[bit / 64] |= u64::from(at(a) < at(b)) << (bit % 64);
+    }
+    Descriptor(words)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::Image;
+    use rand::{RngExt, SeedableRng};
+
+    const OPTIONS: FeatureOptions =
+        FeatureOptions { count: 500, levels: 4, scale: 1.2, threshold: 20, low_threshold: 7 };
+
+    /// Bright squares on a dark ground, at pseudo-random places.
+    fn squares(width: usize, height: usize) -> GrayImage {
+        let mut rng = rand_pcg::Pcg32::seed_from_u64(7);
+        let mut image = Image::filled(width, height, 30_u8);
+        for _ in 0..width * height / 1500 {
+            let (x, y) = (rng.random_range(0..width - 12), rng.random_range(0..height - 12));
+            let value = rng.random_range(80..250);
+            for v in y..y + 11 {
+                for u in x..x + 11 {
+                    image[(u, v)] = value;
+                }
+            }
+        }
+        // Without noise neighbouring corner scores tie, and non-maximum suppression drops both.
+        image.pixels_mut().iter_mut().for_each(|p| *p += rng.random_range(0..6));
+        image
+    }
+
+    #[test]
+    fn features_avoid_the_mask_and_fill_the_rest() {
+        let image = squares(320, 240);
+        let mut mask = Mask::empty(320, 240);
+        for v in 0..240 {
+            for u in 0..160 {
+                mask.set(u, v, true);
+            }
+        }
+        let features = FeatureExtractor::new(OPTIONS).extract(&image, Some(&mask)).unwrap();
+        assert!(features.len() > 100);
+        assert!(features.iter().all(|f| f.u > 156.0), "corners move by a pixel of their level at most");
+    }
+
+    #[test]
+    fn descriptor_survives_a_shift() {
+        let image = squares(320, 240);
+        let shifted_pixels = (0..240).flat_map(|v| (0..320).map(move |u| (u, v)));
+        let shifted: Vec<u8> = shifted_pixels.map(|(u, v)| image[((u + 315) % 320, v)]).collect();
+        let shifted = Image::from_vec(320, 240, shifted).unwrap();
+        let mut extractor = FeatureExtractor::new(FeatureOptions { levels: 1, ..OPTIONS });
+        let (a, b) = (extractor.extract(&image, None).unwrap(), extractor.extract(&shifted, None).unwrap());
+        let found = a
+            .iter()
+            .filter(|f| f.u > 40.0 && f.u < 280.0)
+            .filter(|f| b.iter().any(|g| (g.u - f.u - 5.0).abs() < 0.1 && g.descriptor == f.descriptor))
+            .count();
+        assert!(found * 10 >= a.len() * 7, "{found} of {} features came back after the shift", a.len());
+    }
+
+    #[test]
+    fn refinement_finds_the_corner_between_pixels() {
+        // A quadrant corner at (10.3, 9.8): pixels are covered in proportion.
+        let cover = |i: usize, edge: f64| (edge - i as f64 + 0.5).clamp(0.0, 1.0);
+        let pixels: Vec<u8> = (0..20 * 20).map(|i| (200.0 * cover(i % 20, 10.3) * cover(i / 20, 9.8)) as u8).collect();
+        let (dx, dy) = refine(&pixels, 20, 10 * 20 + 10);
+        assert!((dx - 0.3).abs() < 0.15 && (dy + 0.2).abs() < 0.15, "({dx}, {dy})");
+    }
+
+    #[test]
+    fn tiny_and_flat_images_have_no_features() {
+        for (width, height) in [(1, 1), (8, 8), (40, 39), (64, 64)] {
+            let image = Image::filled(width, height, 100_u8);
+            assert!(FeatureExtractor::new(OPTIONS).extract(&image, None).unwrap().is_empty());
+        }
+    }
+
+    #[test]
+    fn wrong_mask_size_is_an_error() {
+        let image = squares(320, 240);
+        let result = FeatureExtractor::new(OPTIONS).extract(&image, Some(&Mask::empty(10, 10)));
+        assert!(matches!(result, Err(VisionError::SizeMismatch(..))));
+    }
+}
