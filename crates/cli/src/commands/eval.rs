@@ -1,0 +1,44 @@
+//! `pfd-slam eval`.
+
+use anyhow::Context;
+use pfd_evaluation::{Statistics, ate, read_trajectory, rpe};
+use serde::Serialize;
+
+use crate::arguments::EvalArguments;
+use crate::output;
+
+/// The interval of the relative error, seconds: drift is stated per second.
+pub(crate) const RPE_INTERVAL: f64 = 1.0;
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Errors {
+    ate: Statistics,
+    rpe_translation: Option<Statistics>,
+    rpe_rotation_deg: Option<Statistics>,
+}
+
+pub(crate) fn run(arguments: &EvalArguments) -> anyhow::Result<()> {
+    let ground_truth = read_trajectory(&arguments.ground_truth)?;
+    let estimate = read_trajectory(&arguments.estimate)?;
+    let absolute = ate(&ground_truth, &estimate).with_context(|| arguments.estimate.display().to_string())?;
+    let relative = rpe(&ground_truth, &estimate, RPE_INTERVAL);
+    let errors = Errors {
+        ate: absolute.statistics,
+        rpe_translation: relative.as_ref().map(|r| r.translation),
+        rpe_rotation_deg: relative.as_ref().map(|r| r.rotation_deg),
+    };
+    if arguments.json { output::print_json(&errors) } else { output::print(&text(&errors)) }
+}
+
+fn text(errors: &Errors) -> String {
+    let mut text = output::statistics_row("ATE (m)", &errors.ate);
+    match errors.rpe_translation.zip(errors.rpe_rotation_deg) {
+        Some((translation, rotation)) => {
+            text += &output::statistics_row("RPE translation (m/s)", &translation);
+            text += &output::statistics_row("RPE rotation (deg/s)", &rotation);
+        }
+        None => text += "RPE: none, the trajectory is shorter than one second\n",
+    }
+    text
+}
