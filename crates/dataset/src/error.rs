@@ -6,12 +6,12 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// The file system refused.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {error}", path.display())]
     Io {
         /// File or folder.
         path: PathBuf,
         /// Why.
-        source: std::io::Error,
+        error: std::io::Error,
     },
     /// The path is neither a sequence folder nor an archive of one.
     #[error("{}: not a sequence: a folder with rgb.txt and depth.txt in TUM layout, or its .tgz, is expected", path.display())]
@@ -61,12 +61,12 @@ pub enum DatasetError {
         reason: String,
     },
     /// Colour and depth of a frame do not belong together.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {error}", path.display())]
     Frame {
         /// The depth image.
         path: PathBuf,
         /// Why.
-        source: pfd_geometry::FrameError,
+        error: pfd_geometry::FrameError,
     },
     /// There is no such frame.
     #[error("frame {index} of a sequence of {len}")]
@@ -96,6 +96,6 @@ impl DatasetError {
 
     /// For `map_err` on file operations.
     pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
-        |source| Self::Io { path: path.to_owned(), source }
+        |error| Self::Io { path: path.to_owned(), error }
     }
 }

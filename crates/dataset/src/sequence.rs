@@ -166,7 +166,7 @@ impl Sequence {
         let rgb = images::read_color(&pair.rgb_path)?;
         let depth = DepthImage::from_raw(&images::read_depth(&pair.depth_path)?, self.depth_factor as f32);
         RgbdFrame::new(pair.rgb_stamp, rgb, depth)
-            .map_err(|source| DatasetError::Frame { path: pair.depth_path.clone(), source })
+            .map_err(|error| DatasetError::Frame { path: pair.depth_path.clone(), error })
     }
 
     /// Reads the frames in order; a broken image is an `Err` in its place and the others follow.

@@ -36,12 +36,13 @@ impl AtePair {
 
 /// Absolute trajectory error (Sturm et al., IROS 2012, eq. 3): SE(3) alignment without scale, then distances.
 ///
-/// Each pose is compared with the nearest in time within 0.02 s, each used at most once (as `evaluate_ate.py` does).
+/// Each pose of the trajectory with fewer poses is compared with the nearest in time of the other, within 0.02 s (as evo does;
+/// the benchmark's `evaluate_ate.py` uses each pose at most once, which differs only where poses are denser than ground truth).
 ///
 /// # Errors
 /// [`EvaluationError::TooFewPairs`] with fewer than three pairs.
 pub fn ate(ground_truth: &[StampedPose], estimate: &[StampedPose]) -> Result<Ate, EvaluationError> {
-    let indices = association::one_to_one(&stamps(ground_truth), &stamps(estimate), MAX_TIME_DIFFERENCE);
+    let indices = pair_up(&stamps(ground_truth), &stamps(estimate));
     let position = |pose: &StampedPose| Point3::from(pose.pose.translation.vector);
     let points: Vec<_> = indices.iter().map(|&(i, j)| (position(&ground_truth[i]), position(&estimate[j]))).collect();
     let too_few = || EvaluationError::TooFewPairs {
@@ -59,6 +60,16 @@ pub fn ate(ground_truth: &[StampedPose], estimate: &[StampedPose]) -> Result<Ate
     let pairs: Vec<AtePair> = indices.iter().zip(&points).map(pair).collect();
     let statistics = Statistics::of(pairs.iter().map(AtePair::error)).ok_or_else(too_few)?;
     Ok(Ate { statistics, alignment, pairs })
+}
+
+/// Pairs of indices into ground truth and estimate.
+fn pair_up(ground_truth: &[Stamp], estimate: &[Stamp]) -> Vec<(usize, usize)> {
+    if estimate.len() <= ground_truth.len() {
+        let pairs = association::nearest(estimate, ground_truth, MAX_TIME_DIFFERENCE);
+        pairs.into_iter().map(|(j, i)| (i, j)).collect()
+    } else {
+        association::nearest(ground_truth, estimate, MAX_TIME_DIFFERENCE)
+    }
 }
 
 pub(crate) fn stamps(poses: &[StampedPose]) -> Vec<Stamp> {

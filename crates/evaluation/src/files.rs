@@ -11,8 +11,8 @@ use crate::EvaluationError;
 /// # Errors
 /// When the file cannot be read or a line is malformed, with its number.
 pub fn read_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluationError> {
-    let text = std::fs::read_to_string(path).map_err(|source| EvaluationError::Io { path: path.to_owned(), source })?;
-    trajectory::parse(&text).map_err(|source| EvaluationError::Trajectory { path: path.to_owned(), source })
+    let text = std::fs::read_to_string(path).map_err(|error| EvaluationError::Io { path: path.to_owned(), error })?;
+    trajectory::parse(&text).map_err(|error| EvaluationError::Trajectory { path: path.to_owned(), error })
 }
 
 /// Writes lines `stamp tx ty tz qx qy qz qw`.
@@ -21,5 +21,5 @@ pub fn read_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluationError>
 /// When the file cannot be written.
 pub fn write_trajectory(path: &Path, poses: &[StampedPose]) -> Result<(), EvaluationError> {
     std::fs::write(path, trajectory::format(poses))
-        .map_err(|source| EvaluationError::Io { path: path.to_owned(), source })
+        .map_err(|error| EvaluationError::Io { path: path.to_owned(), error })
 }

@@ -6,7 +6,7 @@
 //!
 //! Trajectories are `T_world_camera`; the worlds of ground truth and estimate may differ.
 
-pub mod alignment;
+pub use pfd_geometry::alignment;
 pub mod ate;
 pub mod files;
 pub mod masks;
@@ -26,20 +26,20 @@ pub const MAX_TIME_DIFFERENCE: f64 = 0.02;
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
     /// The file system refused.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {error}", path.display())]
     Io {
         /// The file.
         path: std::path::PathBuf,
         /// Why.
-        source: std::io::Error,
+        error: std::io::Error,
     },
     /// A trajectory file is malformed.
-    #[error("{}:{}: {}", path.display(), source.line, source.reason)]
+    #[error("{}:{}: {}", path.display(), error.line, error.reason)]
     Trajectory {
         /// The file.
         path: std::path::PathBuf,
         /// Line and reason.
-        source: pfd_geometry::TrajectoryError,
+        error: pfd_geometry::TrajectoryError,
     },
     /// Too few poses of both trajectories are close in time.
     #[error(

@@ -3,6 +3,7 @@
 use pfd_geometry::{Pose, Stamp, StampedPose, association};
 
 use crate::ate::stamps;
+use crate::statistics::quantile;
 use crate::{MAX_TIME_DIFFERENCE, Statistics};
 
 /// Result of [`rpe`].
@@ -31,21 +32,22 @@ pub struct RpePair {
 ///
 /// The intervals are those of `evaluate_rpe.py --fixed_delta --delta_unit s`: each estimated pose is paired with the estimated
 /// pose nearest to `delta` later, unless that is the last one (beyond the end every pose would be paired with the last). Both
-/// are compared with the ground truth nearest in time; intervals without ground truth within 0.02 s at both ends are left out.
+/// are compared with the ground truth nearest in time; intervals without ground truth near both ends are left out. Near is
+/// within twice the ground truth's usual interval, as in that tool, and within 0.02 s. Of poses with the same stamp the last
+/// counts.
 pub fn rpe(ground_truth: &[StampedPose], estimate: &[StampedPose], delta: f64) -> Option<Rpe> {
-    let (truth_stamps, stamps) = (stamps(ground_truth), stamps(estimate));
+    let (truth, estimate) = (last_of_equal(ground_truth), last_of_equal(estimate));
+    let (truth_stamps, stamps) = (stamps(&truth), stamps(&estimate));
+    let limit = nearness(&truth_stamps);
     let truth_at = |stamp: Stamp| {
-        let nearest = &ground_truth[association::nearest_index(&truth_stamps, stamp)?];
-        (nearest.stamp.seconds_since(stamp).abs() <= MAX_TIME_DIFFERENCE).then_some(nearest.pose)
+        let nearest = &truth[association::nearest_index(&truth_stamps, stamp)?];
+        (nearest.stamp.seconds_since(stamp).abs() <= limit).then_some(nearest.pose)
     };
     let pair = |first: &StampedPose| {
         let end = association::nearest_index(&stamps, first.stamp.offset_by(delta))?;
-        if end + 1 == estimate.len() {
-            return None;
-        }
-        let second = &estimate[end];
-        let error =
-            relative(&second.pose, &first.pose).inverse() * relative(&truth_at(second.stamp)?, &truth_at(first.stamp)?);
+        let second = (end + 1 < estimate.len()).then(|| estimate[end])?;
+        let true_motion = relative(&truth_at(second.stamp)?, &truth_at(first.stamp)?);
+        let error = relative(&relative(&second.pose, &first.pose), &true_motion);
         Some(RpePair {
             start: first.stamp,
             translation: error.translation.vector.norm(),
@@ -60,7 +62,18 @@ pub fn rpe(ground_truth: &[StampedPose], estimate: &[StampedPose], delta: f64) -
     })
 }
 
-/// `T_a_b` of two poses in the same world.
+/// Largest time (seconds) between a pose and its ground truth.
+fn nearness(truth: &[Stamp]) -> f64 {
+    let intervals: Vec<f64> = truth.windows(2).map(|w| w[1].seconds_since(w[0])).collect();
+    quantile(&intervals, 0.5).map_or(MAX_TIME_DIFFERENCE, |median| MAX_TIME_DIFFERENCE.min(2.0 * median))
+}
+
+fn last_of_equal(poses: &[StampedPose]) -> Vec<StampedPose> {
+    let is_last = |i: usize| poses.get(i + 1).is_none_or(|next| next.stamp != poses[i].stamp);
+    poses.iter().enumerate().filter(|&(i, _)| is_last(i)).map(|(_, pose)| *pose).collect()
+}
+
+/// Pose of `b` as seen from `a`, both in the same world.
 fn relative(a: &Pose, b: &Pose) -> Pose {
     a.inverse() * b
 }

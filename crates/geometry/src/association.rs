@@ -31,15 +31,24 @@ pub fn one_to_one(first: &[Stamp], second: &[Stamp], max_difference: f64) -> Vec
     pairs
 }
 
-/// Index of the stamp nearest to `stamp` in a sorted list, the earlier of two equally near; `None` when the list is empty.
+/// Index of the stamp nearest to `stamp` in a sorted list; `None` when the list is empty.
+///
+/// Of two equally near the one is taken that tools which calculate in floating-point seconds take (evo, the benchmark's tools),
+/// else the earlier. Of several equal stamps at or before `stamp` it is the last, as for evo.
 pub fn nearest_index(sorted: &[Stamp], stamp: Stamp) -> Option<usize> {
-    let after = sorted.partition_point(|&s| s < stamp);
+    let after = sorted.partition_point(|&s| s <= stamp);
     let before = after.checked_sub(1);
     let after = (after < sorted.len()).then_some(after);
     match (before, after) {
-        (Some(b), Some(a)) if difference(sorted[a], stamp) < difference(sorted[b], stamp) => Some(a),
+        (Some(b), Some(a)) if is_nearer(sorted[a], sorted[b], stamp) => Some(a),
         (before, after) => before.or(after),
     }
+}
+
+fn is_nearer(candidate: Stamp, other: Stamp, stamp: Stamp) -> bool {
+    let seconds = |s: Stamp| (s.as_secs_f64() - stamp.as_secs_f64()).abs();
+    let exact = difference(candidate, stamp).cmp(&difference(other, stamp));
+    exact.then_with(|| seconds(candidate).total_cmp(&seconds(other))).is_lt()
 }
 
 /// All `(difference, i, j)` with a difference of at most `limit` nanoseconds.

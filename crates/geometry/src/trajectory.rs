@@ -19,11 +19,12 @@ pub struct TrajectoryError {
 /// A quaternion whose length differs more than this from 1 is no rotation but a mistake in the file.
 const MAX_NORM_ERROR: f64 = 0.05;
 
-/// Reads a trajectory; empty lines and lines that start with `#` are skipped.
+/// Reads a trajectory; empty lines and lines that start with `#` are skipped. Equal stamps are accepted: the benchmark's motion
+/// capture has some.
 ///
 /// # Errors
 /// [`TrajectoryError`] for a line with too few numbers, numbers that are not finite, a quaternion that is no rotation, or a
-/// stamp that is not later than the one before.
+/// stamp that is earlier than the one before.
 pub fn parse(text: &str) -> Result<Vec<StampedPose>, TrajectoryError> {
     let mut poses: Vec<StampedPose> = Vec::new();
     for (index, line) in text.lines().enumerate() {
@@ -33,8 +34,8 @@ pub fn parse(text: &str) -> Result<Vec<StampedPose>, TrajectoryError> {
         }
         let fail = |reason: String| TrajectoryError { line: index + 1, reason };
         let pose = parse_line(line).map_err(fail)?;
-        if let Some(last) = poses.last().filter(|last| last.stamp >= pose.stamp) {
-            return Err(fail(format!("stamp {} is not later than the one before, {}", pose.stamp, last.stamp)));
+        if let Some(last) = poses.last().filter(|last| last.stamp > pose.stamp) {
+            return Err(fail(format!("stamp {} is earlier than the one before, {}", pose.stamp, last.stamp)));
         }
         poses.push(pose);
     }
@@ -95,12 +96,17 @@ mod tests {
             ("2.0 0 0 0 0 0 0", "qw is missing"),
             ("2.0 0 nan 0 0 0 0 1", "ty `nan`"),
             ("2.0 0 0 0 0 0 0 0", "length 0"),
-            ("1.0 0 0 0 0 0 0 1", "not later"),
+            ("0.9 0 0 0 0 0 0 1", "earlier"),
         ] {
             let error = parse(&format!("{good}{bad}\n")).unwrap_err();
             assert_eq!(error.line, 2);
             assert!(error.reason.contains(reason), "{bad}: {error}");
         }
+    }
+
+    #[test]
+    fn equal_stamps_are_kept() {
+        assert_eq!(parse("1.0 1 0 0 0 0 0 1\n1.0 2 0 0 0 0 0 1\n").unwrap().len(), 2);
     }
 
     proptest! {
