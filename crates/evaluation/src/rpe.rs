@@ -9,8 +9,10 @@ use crate::{MAX_TIME_DIFFERENCE, Statistics};
 /// Result of [`rpe`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rpe {
-    /// Translational drift, metres per `delta`.
+    /// Translational drift as the benchmark's `evaluate_rpe.py` composes it, metres per `delta`.
     pub translation: Statistics,
+    /// Translational drift as the equation has it, and evo: in the frame of the end instead of the start of the interval.
+    pub translation_evo: Statistics,
     /// Rotational drift, degrees per `delta`.
     pub rotation_deg: Statistics,
     /// The single errors, by time.
@@ -22,8 +24,10 @@ pub struct Rpe {
 pub struct RpePair {
     /// Stamp of the first estimated pose of the interval.
     pub start: Stamp,
-    /// Metres.
+    /// Metres, as the benchmark's script composes it.
     pub translation: f64,
+    /// Metres, as evo composes it.
+    pub translation_evo: f64,
     /// Degrees.
     pub rotation_deg: f64,
 }
@@ -47,16 +51,19 @@ pub fn rpe(ground_truth: &[StampedPose], estimate: &[StampedPose], delta: f64) -
         let end = association::nearest_index(&stamps, first.stamp.offset_by(delta))?;
         let second = (end + 1 < estimate.len()).then(|| estimate[end])?;
         let true_motion = relative(&truth_at(second.stamp)?, &truth_at(first.stamp)?);
-        let error = relative(&relative(&second.pose, &first.pose), &true_motion);
+        let motion = relative(&second.pose, &first.pose);
+        let error = relative(&motion, &true_motion);
         Some(RpePair {
             start: first.stamp,
             translation: error.translation.vector.norm(),
+            translation_evo: (true_motion * motion.inverse()).translation.vector.norm(),
             rotation_deg: error.rotation.angle().to_degrees(),
         })
     };
     let pairs: Vec<RpePair> = estimate.iter().filter_map(pair).collect();
     Some(Rpe {
         translation: Statistics::of(pairs.iter().map(|p| p.translation))?,
+        translation_evo: Statistics::of(pairs.iter().map(|p| p.translation_evo))?,
         rotation_deg: Statistics::of(pairs.iter().map(|p| p.rotation_deg))?,
         pairs,
     })

@@ -15,6 +15,7 @@ pub(crate) const RPE_INTERVAL: f64 = 1.0;
 struct Errors {
     ate: Statistics,
     rpe_translation: Option<Statistics>,
+    rpe_translation_evo: Option<Statistics>,
     rpe_rotation_deg: Option<Statistics>,
 }
 
@@ -26,6 +27,7 @@ pub(crate) fn run(arguments: &EvalArguments) -> anyhow::Result<()> {
     let errors = Errors {
         ate: absolute.statistics,
         rpe_translation: relative.as_ref().map(|r| r.translation),
+        rpe_translation_evo: relative.as_ref().map(|r| r.translation_evo),
         rpe_rotation_deg: relative.as_ref().map(|r| r.rotation_deg),
     };
     if arguments.json { output::print_json(&errors) } else { output::print(&text(&errors)) }
