@@ -1,1 +1,16 @@
-//! Plots and self-contained HTML reports
+//! Reports: what `report.json`, `frames.csv` and the self-contained HTML pages hold and look like.
+
+pub mod error;
+pub mod figures;
+pub mod frames;
+pub mod html;
+pub mod page;
+pub mod plot;
+pub mod sample;
+pub mod summary;
+
+pub use error::ReportError;
+pub use frames::FrameRow;
+pub use page::RunPage;
+pub use sample::Sample;
+pub use summary::{Percentiles, Summary, Timing};
