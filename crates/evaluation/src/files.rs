@@ -20,6 +20,6 @@ pub fn read_trajectory(path: &Path) -> Result<Vec<StampedPose>, EvaluationError>
 /// # Errors
 /// When the file cannot be written.
 pub fn write_trajectory(path: &Path, poses: &[StampedPose]) -> Result<(), EvaluationError> {
-    std::fs::write(path, trajectory::format(poses))
+    std::fs::write(path, trajectory::to_text(poses))
         .map_err(|error| EvaluationError::Io { path: path.to_owned(), error })
 }

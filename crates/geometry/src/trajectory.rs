@@ -43,7 +43,7 @@ pub fn parse(text: &str) -> Result<Vec<StampedPose>, TrajectoryError> {
 }
 
 /// The text of a trajectory.
-pub fn format(poses: &[StampedPose]) -> String {
+pub fn to_text(poses: &[StampedPose]) -> String {
     let mut text = String::new();
     for StampedPose { stamp, pose } in poses {
         let (t, q) = (pose.translation.vector, pose.rotation.coords);
@@ -119,7 +119,7 @@ mod tests {
         fn written_poses_are_read_back(x in -9.0..9.0_f64, angle in -3.0..3.0_f64, nanos in 0..i64::MAX) {
             let pose = Pose::new(nalgebra::Vector3::new(x, 0.0, -x), nalgebra::Vector3::new(0.1, angle, 0.0));
             let written = StampedPose { stamp: Stamp::from_nanos(nanos), pose };
-            let read = parse(&format(&[written])).unwrap()[0];
+            let read = parse(&to_text(&[written])).unwrap()[0];
             prop_assert_eq!(read.stamp, written.stamp);
             prop_assert!(crate::pose::log(&(read.pose.inverse() * pose)).norm() < 1e-8);
         }

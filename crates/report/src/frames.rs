@@ -11,7 +11,7 @@ use crate::ReportError;
 pub struct FrameRow {
     /// Stamp of the colour image, seconds.
     pub stamp: String,
-    /// State of tracking: `NOT_INITIALIZED`, `OK`, `LOST`, `RELOCALIZED`.
+    /// State of tracking: `NOT_INITIALIZED`, `OK`, `LOST`, `RELOCALIZED`; empty where nothing is tracked.
     pub state: String,
     /// Time for the mask.
     pub segmentation_ms: f64,
@@ -36,22 +36,9 @@ impl FrameRow {
     }
 }
 
-/// What `segmentation_node` writes: one line a mask.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct MaskRow {
-    /// Stamp of the colour image, seconds.
-    pub stamp: String,
-    /// Time for the mask.
-    pub segmentation_ms: f64,
-    /// Share of the image that is masked, 0 to 1.
-    pub mask_fraction: f64,
-    /// Number of moving objects.
-    pub objects: usize,
-}
-
-/// Fills the segmentation columns of `frames` from the rows with the same stamp.
-pub fn merge(frames: &mut [FrameRow], masks: &[MaskRow]) {
-    let by_stamp: std::collections::HashMap<&str, &MaskRow> = masks.iter().map(|m| (m.stamp.as_str(), m)).collect();
+/// Fills the segmentation columns of `frames`, written by `tracking_node`, from those of `segmentation_node` with the same stamp.
+pub fn merge(frames: &mut [FrameRow], masks: &[FrameRow]) {
+    let by_stamp: std::collections::HashMap<&str, &FrameRow> = masks.iter().map(|m| (m.stamp.as_str(), m)).collect();
     for frame in frames {
         if let Some(mask) = by_stamp.get(frame.stamp.as_str()) {
             frame.segmentation_ms = mask.segmentation_ms;
@@ -118,7 +105,7 @@ mod tests {
     #[test]
     fn masks_are_merged_by_stamp() {
         let mut frames = [row("1.5"), row("2.5")];
-        merge(&mut frames, &[MaskRow { stamp: "2.5".into(), segmentation_ms: 7.0, mask_fraction: 0.25, objects: 2 }]);
+        merge(&mut frames, &[FrameRow { segmentation_ms: 7.0, objects: 2, ..row("2.5") }]);
         assert_eq!((frames[0].total_ms, frames[1].total_ms, frames[1].objects), (2.0, 9.0, 2));
     }
 }
