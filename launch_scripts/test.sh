@@ -1,0 +1,7 @@
+#!/usr/bin/env bash
+# Installs what is missing and runs all tests. Arguments go to `cargo test`.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+launch_scripts/install_dependencies.sh
+export PATH="$PATH:${HOME:-/}/.cargo/bin"
+exec cargo test --release --locked --workspace "$@"
