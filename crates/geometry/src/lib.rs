@@ -6,6 +6,7 @@
 //! * Pixel coordinates are `(u, v)` = (column, row); the centre of the top-left pixel is `(0, 0)`.
 //! * Depth is the z coordinate in the camera frame in metres; `0.0` means "no measurement".
 
+pub mod alignment;
 pub mod association;
 pub mod camera;
 pub mod frame;

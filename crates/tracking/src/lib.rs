@@ -1,1 +1,24 @@
-//! RGB-D tracking and mapping
+//! RGB-D tracking and mapping: a pose for every frame, against a map of keyframes and points that is built on the way.
+//!
+//! [`Tracker::track`] takes a frame and the mask of what moves in it (from wherever), and returns the pose. Nothing here knows
+//! how masks are made, or ROS.
+
+pub mod bundle_adjustment;
+pub mod config;
+pub mod image_features;
+pub mod local_mapping;
+pub mod localization;
+pub mod map;
+pub mod matching;
+mod motion;
+pub mod places;
+pub mod pose_optimization;
+mod relocalization;
+pub mod residual;
+mod result;
+mod tracker;
+mod trajectory;
+
+pub use config::TrackingConfig;
+pub use result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
+pub use tracker::Tracker;

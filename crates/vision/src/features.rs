@@ -98,11 +98,16 @@ impl FeatureExtractor {
         &self.options
     }
 
-    /// Features of `image` that lie outside the dynamic pixels of `mask`.
+    /// Features of `image` that lie outside the dynamic pixels of `mask`, at least `margin` pixels from them.
     ///
     /// # Errors
     /// When the sizes of image and mask differ, or OpenCV fails.
-    pub fn extract(&mut self, image: &GrayImage, mask: Option<&Mask>) -> Result<Vec<Feature>, VisionError> {
+    pub fn extract(
+        &mut self,
+        image: &GrayImage,
+        mask: Option<&Mask>,
+        margin: usize,
+    ) -> Result<Vec<Feature>, VisionError> {
         if let Some(mask) = mask
             && mask.image().size() != image.size()
         {
@@ -111,7 +116,7 @@ impl FeatureExtractor {
         self.build_pyramid(image)?;
         let mut features = Vec::with_capacity(self.options.count + self.options.count / 4);
         for level in 0..self.levels.len() {
-            self.extract_level(level, mask, &mut features)?;
+            self.extract_level(level, mask.map(|m| (m, margin)), &mut features)?;
         }
         Ok(features)
     }
@@ -131,14 +136,19 @@ impl FeatureExtractor {
         Ok(())
     }
 
-    fn extract_level(&mut self, level: usize, mask: Option<&Mask>, out: &mut Vec<Feature>) -> Result<(), VisionError> {
+    fn extract_level(
+        &mut self,
+        level: usize,
+        mask: Option<(&Mask, usize)>,
+        out: &mut Vec<Feature>,
+    ) -> Result<(), VisionError> {
         let quota = self.quota(level);
         let scale = self.options.level_scale(level as u8);
         let Level { image, blurred } = &mut self.levels[level];
         if image.cols() <= 2 * BORDER || image.rows() <= 2 * BORDER {
             return Ok(());
         }
-        let kept = |corner: &Corner| mask.is_none_or(|m| !is_masked(m, corner, scale));
+        let kept = |corner: &Corner| mask.is_none_or(|(mask, margin)| !is_masked(mask, margin, corner, scale));
         let corners: Vec<Corner> = detect(image, &self.options)?.into_iter().filter(kept).collect();
         let corners = spread(corners, image.size()?, quota);
         if corners.is_empty() {
@@ -172,11 +182,14 @@ impl FeatureExtractor {
     }
 }
 
-/// Whether the pixel of the full-size image under `corner` is dynamic.
-fn is_masked(mask: &Mask, corner: &Corner, scale: f64) -> bool {
-    let u = ((f64::from(corner.x) + 0.5) * scale - 0.5).round().max(0.0) as usize;
-    let v = ((f64::from(corner.y) + 0.5) * scale - 0.5).round().max(0.0) as usize;
-    mask.is_dynamic(u, v)
+/// Whether a pixel of the full-size image under `corner`, or `margin` away in one of eight directions, is dynamic.
+fn is_masked(mask: &Mask, margin: usize, corner: &Corner, scale: f64) -> bool {
+    let centre = |c: i32| ((f64::from(c) + 0.5) * scale - 0.5).round() as isize;
+    let reach = margin as isize;
+    let dynamic = |u: isize, v: isize| u >= 0 && v >= 0 && mask.is_dynamic(u as usize, v as usize);
+    [-reach, 0, reach]
+        .into_iter()
+        .any(|dy| [-reach, 0, reach].into_iter().any(|dx| dynamic(centre(corner.x) + dx, centre(corner.y) + dy)))
 }
 
 /// FAST corners away from the border; cells without any are searched again with the low threshold.
@@ -335,9 +348,9 @@ mod tests {
                 mask.set(u, v, true);
             }
         }
-        let features = FeatureExtractor::new(OPTIONS).extract(&image, Some(&mask)).unwrap();
+        let features = FeatureExtractor::new(OPTIONS).extract(&image, Some(&mask), 4).unwrap();
         assert!(features.len() > 100);
-        assert!(features.iter().all(|f| f.u > 156.0), "corners move by a pixel of their level at most");
+        assert!(features.iter().all(|f| f.u > 160.0), "corners move by a pixel of their level at most");
     }
 
     #[test]
@@ -347,7 +360,7 @@ mod tests {
         let shifted: Vec<u8> = shifted_pixels.map(|(u, v)| image[((u + 315) % 320, v)]).collect();
         let shifted = Image::from_vec(320, 240, shifted).unwrap();
         let mut extractor = FeatureExtractor::new(FeatureOptions { levels: 1, ..OPTIONS });
-        let (a, b) = (extractor.extract(&image, None).unwrap(), extractor.extract(&shifted, None).unwrap());
+        let (a, b) = (extractor.extract(&image, None, 0).unwrap(), extractor.extract(&shifted, None, 0).unwrap());
         let found = a
             .iter()
             .filter(|f| f.u > 40.0 && f.u < 280.0)
@@ -369,14 +382,14 @@ mod tests {
     fn tiny_and_flat_images_have_no_features() {
         for (width, height) in [(1, 1), (8, 8), (40, 39), (64, 64)] {
             let image = Image::filled(width, height, 100_u8);
-            assert!(FeatureExtractor::new(OPTIONS).extract(&image, None).unwrap().is_empty());
+            assert!(FeatureExtractor::new(OPTIONS).extract(&image, None, 0).unwrap().is_empty());
         }
     }
 
     #[test]
     fn wrong_mask_size_is_an_error() {
         let image = squares(320, 240);
-        let result = FeatureExtractor::new(OPTIONS).extract(&image, Some(&Mask::empty(10, 10)));
+        let result = FeatureExtractor::new(OPTIONS).extract(&image, Some(&Mask::empty(10, 10)), 0);
         assert!(matches!(result, Err(VisionError::SizeMismatch(..))));
     }
 }

@@ -1,0 +1,210 @@
+//! Features of one image with depth, and where to find them.
+
+use nalgebra::{Point2, Point3};
+use pfd_geometry::{Camera, DepthImage, DepthNoise, RgbdFrame};
+use pfd_vision::features::{Descriptor, Feature};
+
+use crate::config::TrackingConfig;
+use crate::residual::Measurement;
+
+/// Side of the cells of the spatial index, pixels.
+const CELL: usize = 16;
+/// Depth differences beyond this many standard deviations belong to different surfaces.
+const SURFACE_GAP_SIGMAS: f32 = 4.0;
+/// Relative depth difference that a slanted surface may have between neighbouring pixels: about 75 degrees of slant.
+const SURFACE_SLOPE: f32 = 0.008;
+
+/// Features of an image.
+#[derive(Clone, Debug, Default)]
+pub struct ImageFeatures {
+    features: Vec<Feature>,
+    measurements: Vec<Measurement>,
+    colors: Vec<[u8; 3]>,
+    grid: Grid,
+}
+
+impl ImageFeatures {
+    /// Adds depth and an index to extracted features.
+    pub fn new(features: Vec<Feature>, frame: &RgbdFrame, config: &TrackingConfig) -> Self {
+        let options = config.features.options();
+        let measurements = features
+            .iter()
+            .map(|feature| Measurement {
+                pixel: Point2::new(f64::from(feature.u), f64::from(feature.v)),
+                sigma: config.features.sigma * options.level_scale(feature.level),
+                depth: surface_depth(frame.depth(), feature, &config.depth_noise),
+            })
+            .collect();
+        let color = |f: &Feature| frame.rgb().nearest(f.u.into(), f.v.into()).copied().unwrap_or_default();
+        let colors = features.iter().map(color).collect();
+        let grid = Grid::new(frame.rgb().size(), &features);
+        Self { features, measurements, colors, grid }
+    }
+
+    /// Rebuilds the index over stored features, for maps read from files.
+    pub fn from_parts(
+        size: (usize, usize),
+        features: Vec<Feature>,
+        measurements: Vec<Measurement>,
+        colors: Vec<[u8; 3]>,
+    ) -> Self {
+        let grid = Grid::new(size, &features);
+        Self { features, measurements, colors, grid }
+    }
+
+    /// Number of features.
+    pub fn len(&self) -> usize {
+        self.features.len()
+    }
+
+    /// Feature `index`.
+    pub fn feature(&self, index: usize) -> &Feature {
+        &self.features[index]
+    }
+
+    /// Position, depth and uncertainty of feature `index`.
+    pub fn measurement(&self, index: usize) -> &Measurement {
+        &self.measurements[index]
+    }
+
+    /// Colour at feature `index`.
+    pub fn color(&self, index: usize) -> [u8; 3] {
+        self.colors[index]
+    }
+
+    /// All descriptors, in order.
+    pub fn descriptors(&self) -> impl Iterator<Item = &Descriptor> {
+        self.features.iter().map(|f| &f.descriptor)
+    }
+
+    /// Number of features with depth.
+    pub fn with_depth(&self) -> usize {
+        self.measurements.iter().filter(|m| m.depth.is_some()).count()
+    }
+
+    /// The point of feature `index` in the camera frame, if it has depth.
+    pub fn point_in_camera(&self, index: usize, camera: &Camera) -> Option<Point3<f64>> {
+        let measured = &self.measurements[index];
+        measured.depth.map(|(z, _)| camera.unproject(&measured.pixel, z))
+    }
+
+    /// Features within `radius` pixels of `pixel`.
+    pub fn near(&self, pixel: &Point2<f64>, radius: f64) -> impl Iterator<Item = usize> + '_ {
+        let (centre, limit) = (*pixel, radius * radius);
+        self.grid
+            .cells_around(centre, radius)
+            .flat_map(|cell| cell.iter())
+            .map(|&index| index as usize)
+            .filter(move |&index| (self.measurements[index].pixel - centre).norm_squared() <= limit)
+    }
+}
+
+/// Depth and standard deviation at a feature: the mean over the 3×3 neighbours on the same surface.
+///
+/// None at depth edges, where colour and depth may belong to different surfaces.
+fn surface_depth(depth: &DepthImage, feature: &Feature, noise: &DepthNoise) -> Option<(f64, f64)> {
+    // With fewer neighbours on the surface the feature sits on an edge or a hole.
+    const MIN_NEIGHBOURS: usize = 5;
+    let (u, v) = (feature.u.round() as usize, feature.v.round() as usize);
+    let centre = depth.at(u, v)?;
+    let z = f64::from(centre);
+    if !noise.is_usable(z) {
+        return None;
+    }
+    let tolerance = (SURFACE_GAP_SIGMAS * noise.sigma(z) as f32).max(SURFACE_SLOPE * centre);
+    let (mut sum, mut count) = (0.0_f64, 0_usize);
+    for y in v.saturating_sub(1)..=v + 1 {
+        for x in u.saturating_sub(1)..=u + 1 {
+            if let Some(d) = depth.at(x, y).filter(|d| (d - centre).abs() <= tolerance) {
+                sum += f64::from(d);
+                count += 1;
+            }
+        }
+    }
+    // Neighbouring pixels share most of their noise (the matching window of the sensor), so averaging does not lower sigma.
+    (count >= MIN_NEIGHBOURS).then(|| (sum / count as f64, noise.sigma(z)))
+}
+
+/// Indices of features by cell.
+#[derive(Clone, Debug, Default)]
+struct Grid {
+    columns: usize,
+    rows: usize,
+    cells: Vec<Vec<u32>>,
+}
+
+impl Grid {
+    fn new((width, height): (usize, usize), features: &[Feature]) -> Self {
+        let (columns, rows) = (width.div_ceil(CELL).max(1), height.div_ceil(CELL).max(1));
+        let mut cells = vec![Vec::new(); columns * rows];
+        for (index, feature) in features.iter().enumerate() {
+            let column = (feature.u.max(0.0) as usize / CELL).min(columns - 1);
+            let row = (feature.v.max(0.0) as usize / CELL).min(rows - 1);
+            cells[row * columns + column].push(index as u32);
+        }
+        Self { columns, rows, cells }
+    }
+
+    fn cells_around(&self, pixel: Point2<f64>, radius: f64) -> impl Iterator<Item = &Vec<u32>> {
+        let range = |centre: f64, count: usize| {
+            let low = ((centre - radius) / CELL as f64).floor().max(0.0) as usize;
+            let high = ((centre + radius) / CELL as f64).floor();
+            low..if high < 0.0 { low } else { (high as usize + 1).min(count) }
+        };
+        let columns = range(pixel.x, self.columns);
+        range(pixel.y, self.rows)
+            .flat_map(move |row| columns.clone().map(move |column| &self.cells[row * self.columns + column]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::{Image, Stamp};
+    use proptest::prelude::*;
+
+    fn feature(u: f32, v: f32) -> Feature {
+        Feature { u, v, angle: 0.0, level: 0, response: 1.0, descriptor: Descriptor::default() }
+    }
+
+    fn frame(depth: impl Fn(usize, usize) -> f32) -> RgbdFrame {
+        let pixels = (0..64 * 64).map(|i| depth(i % 64, i / 64)).collect();
+        let depth = DepthImage::from_metres(Image::from_vec(64, 64, pixels).unwrap());
+        RgbdFrame::new(Stamp::default(), Image::filled(64, 64, [1, 2, 3]), depth).unwrap()
+    }
+
+    #[test]
+    fn depth_is_refused_at_edges_and_holes() {
+        let step = frame(|u, _| if u < 32 { 1.0 } else { 2.0 });
+        let at = |frame: &RgbdFrame, u, v| {
+            let features = ImageFeatures::new(vec![feature(u, v)], frame, &TrackingConfig::default());
+            features.measurement(0).depth.map(|(z, _)| z)
+        };
+        assert_eq!(at(&step, 10.0, 10.0), Some(1.0));
+        assert_eq!(at(&step, 40.0, 10.0), Some(2.0));
+        let holes = frame(|u, v| if (u + v) % 2 == 0 { 1.0 } else { 0.0 });
+        assert_eq!(at(&holes, 11.0, 10.0), None, "on a hole");
+        assert_eq!(at(&frame(|_, _| 0.0), 10.0, 10.0), None);
+        let ramp = frame(|u, _| 1.0 + 0.2 * u as f32);
+        assert_eq!(at(&ramp, 10.0, 10.0), None, "20 cm a pixel is no surface");
+    }
+
+    proptest! {
+        #[test]
+        fn the_index_finds_what_a_scan_finds(
+            places in prop::collection::vec((0.0..64.0_f32, 0.0..64.0_f32), 0..60),
+            (x, y, radius) in (-20.0..84.0_f64, -20.0..84.0_f64, 0.0..40.0_f64),
+        ) {
+            let features: Vec<_> = places.iter().map(|&(u, v)| feature(u, v)).collect();
+            let indexed = ImageFeatures::new(features, &frame(|_, _| 1.0), &TrackingConfig::default());
+            let mut found: Vec<usize> = indexed.near(&Point2::new(x, y), radius).collect();
+            found.sort_unstable();
+            let near = |&i: &usize| {
+                let (u, v) = places[i];
+                (f64::from(u) - x).powi(2) + (f64::from(v) - y).powi(2) <= radius * radius
+            };
+            let expected: Vec<usize> = (0..places.len()).filter(near).collect();
+            prop_assert_eq!(found, expected);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Where the camera is in a known map: association and pose optimisation together.
+
+use nalgebra::Matrix6;
+use pfd_geometry::{Camera, Pose};
+
+use crate::config::TrackingConfig;
+use crate::image_features::ImageFeatures;
+use crate::map::{KeyframeId, Map, MapPointId};
+use crate::matching::{Match, match_by_projection, match_descriptors, predict};
+use crate::pose_optimization::{PoseObservation, optimize_pose};
+
+/// A pose with the map points that support it.
+#[derive(Clone, Debug)]
+#[allow(non_snake_case)]
+pub struct Localized {
+    /// World to camera.
+    pub T_camera_world: Pose,
+    /// Inliers only.
+    pub matches: Vec<Match>,
+    /// Of a perturbation in the camera frame (tx ty tz rx ry rz).
+    pub covariance: Matrix6<f64>,
+}
+
+/// Keyframes that make up the local map at most.
+const LOCAL_KEYFRAMES: usize = 40;
+/// Neighbours of each directly covisible keyframe that join the local map.
+const NEIGHBOURS: usize = 5;
+/// The search radius of the second, wider attempt, as a multiple of the first.
+const WIDER: f64 = 2.5;
+
+/// What localisation works with.
+#[derive(Clone, Copy)]
+pub struct Localizer<'a> {
+    /// The camera model.
+    pub camera: &'a Camera,
+    /// Parameters.
+    pub config: &'a TrackingConfig,
+    /// The map.
+    pub map: &'a Map,
+}
+
+impl Localizer<'_> {
+    /// Tracks the points of the last frame from a predicted pose (Mur-Artal et al., T-RO 2015, section V-B).
+    pub fn from_prediction(
+        &self,
+        features: &ImageFeatures,
+        last_points: &[MapPointId],
+        predicted: &Pose,
+    ) -> Option<Localized> {
+        let radius = self.config.matching.motion_radius;
+        [radius, WIDER * radius]
+            .into_iter()
+            .map(|radius| self.project(features, last_points, predicted, radius))
+            .find_map(|matches| self.solve(features, matches, predicted, self.config.pose.min_inliers))
+    }
+
+    /// Matches the descriptors of a keyframe, without regard to position (section V-D).
+    pub fn from_keyframe(&self, features: &ImageFeatures, keyframe: KeyframeId, initial: &Pose) -> Option<Localized> {
+        let matches = self.match_keyframe(features, keyframe);
+        self.solve(features, matches, initial, self.config.pose.min_inliers)
+    }
+
+    /// Points of `keyframe` and the features with like descriptors.
+    pub fn match_keyframe(&self, features: &ImageFeatures, keyframe: KeyframeId) -> Vec<Match> {
+        let Some(keyframe) = self.map.keyframe(keyframe) else { return Vec::new() };
+        let known: Vec<_> =
+            keyframe.observed().map(|(index, _)| (index, keyframe.features.feature(index).descriptor)).collect();
+        let seen: Vec<_> = features.descriptors().copied().enumerate().collect();
+        match_descriptors(&known, &seen, self.config)
+            .into_iter()
+            .filter_map(|(index, feature)| Some(Match { point: keyframe.points()[index]?, feature, distance: 0 }))
+            .collect()
+    }
+
+    /// Refines a pose with all points of the local map (section V-D).
+    pub fn in_local_map(&self, features: &ImageFeatures, initial: &Localized, radius: f64) -> Option<Localized> {
+        let points = self.local_points(initial.matches.iter().map(|m| m.point));
+        let matches = self.project(features, &points, &initial.T_camera_world, radius);
+        self.solve(features, matches, &initial.T_camera_world, self.config.pose.min_inliers)
+    }
+
+    /// The points of all keyframes that see some of `seen`, and of those keyframes' neighbours.
+    pub fn local_points(&self, seen: impl Iterator<Item = MapPointId>) -> Vec<MapPointId> {
+        let mut keyframes: Vec<_> = self.map.observers(seen).into_iter().map(|(id, _)| id).collect();
+        keyframes.truncate(LOCAL_KEYFRAMES);
+        for index in 0..keyframes.len() {
+            if keyframes.len() >= LOCAL_KEYFRAMES {
+                break;
+            }
+            let neighbours = self.map.covisible(keyframes[index]).into_iter().take(NEIGHBOURS).map(|(id, _)| id);
+            let new: Vec<_> = neighbours.filter(|id| !keyframes.contains(id)).collect();
+            keyframes.extend(new);
+        }
+        let keyframes = keyframes.iter().filter_map(|id| self.map.keyframe(*id));
+        let mut points: Vec<_> = keyframes.flat_map(|k| k.observed().map(|(_, point)| point)).collect();
+        points.sort_unstable();
+        points.dedup();
+        points
+    }
+
+    fn project(&self, features: &ImageFeatures, points: &[MapPointId], pose: &Pose, radius: f64) -> Vec<Match> {
+        let candidates = points.iter().filter_map(|&id| {
+            let point = self.map.point(id)?;
+            Some((id, point, predict(self.camera, pose, point, self.config)?))
+        });
+        match_by_projection(candidates, features, radius, self.config)
+    }
+
+    /// Optimises the pose over `matches`; `None` with fewer than `min_inliers`.
+    pub fn solve(
+        &self,
+        features: &ImageFeatures,
+        matches: Vec<Match>,
+        initial: &Pose,
+        min_inliers: usize,
+    ) -> Option<Localized> {
+        if matches.len() < min_inliers {
+            return None;
+        }
+        let observe = |m: &Match| {
+            let point = self.map.point(m.point)?.position;
+            Some(PoseObservation { point, measured: *features.measurement(m.feature) })
+        };
+        let (matches, observations): (Vec<_>, Vec<_>) =
+            matches.into_iter().filter_map(|m| Some((m, observe(&m)?))).unzip();
+        let estimate = optimize_pose(self.camera, &observations, initial)?;
+        let agreed = matches.into_iter().zip(&estimate.inliers).filter_map(|(m, &inlier)| inlier.then_some(m));
+        let matches: Vec<_> = agreed.collect();
+        (matches.len() >= min_inliers).then_some(Localized {
+            T_camera_world: estimate.T_camera_world,
+            matches,
+            covariance: estimate.covariance,
+        })
+    }
+}

@@ -1,0 +1,46 @@
+//! A frame that the map keeps.
+
+use pfd_geometry::{Pose, Stamp};
+
+use super::MapPointId;
+use crate::image_features::ImageFeatures;
+
+/// A frame that the map keeps: its features, its pose, and which map points it sees.
+#[derive(Clone, Debug)]
+#[allow(non_snake_case)]
+pub struct Keyframe {
+    /// When it was taken.
+    pub stamp: Stamp,
+    /// Number of the frame since the start.
+    pub frame_index: usize,
+    /// World to camera.
+    pub T_camera_world: Pose,
+    /// What it shows.
+    pub features: ImageFeatures,
+    points: Vec<Option<MapPointId>>,
+}
+
+impl Keyframe {
+    /// A keyframe that sees no map points yet.
+    #[allow(non_snake_case)]
+    pub fn new(stamp: Stamp, frame_index: usize, T_camera_world: Pose, features: ImageFeatures) -> Self {
+        let points = vec![None; features.len()];
+        Self { stamp, frame_index, T_camera_world, features, points }
+    }
+
+    /// The map point that each feature shows.
+    pub fn points(&self) -> &[Option<MapPointId>] {
+        &self.points
+    }
+
+    /// Features that show a map point.
+    pub fn observed(&self) -> impl Iterator<Item = (usize, MapPointId)> + '_ {
+        self.points.iter().enumerate().filter_map(|(feature, point)| Some((feature, (*point)?)))
+    }
+
+    pub(super) fn set_point(&mut self, feature: usize, point: Option<MapPointId>) {
+        if let Some(slot) = self.points.get_mut(feature) {
+            *slot = point;
+        }
+    }
+}

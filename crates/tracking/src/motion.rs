@@ -1,0 +1,82 @@
+//! Constant-velocity prediction, and the continuous odometry frame.
+
+use pfd_geometry::{Pose, Stamp, pose};
+
+/// A gap longer than this (seconds) says nothing about the velocity.
+const MAX_EXTRAPOLATION: f64 = 0.5;
+
+/// The last pose and the velocity.
+#[derive(Clone, Debug)]
+#[allow(non_snake_case)]
+pub(crate) struct Motion {
+    stamp: Stamp,
+    T_camera_world: Pose,
+    T_odom_camera: Pose,
+    /// Motion of the camera during `interval` seconds: `T_next_camera · T_camera_world`.
+    velocity: Pose,
+    interval: f64,
+}
+
+#[allow(non_snake_case)]
+impl Motion {
+    /// At rest.
+    pub(crate) fn start(stamp: Stamp, T_camera_world: Pose, T_odom_camera: Pose) -> Self {
+        Self { stamp, T_camera_world, T_odom_camera, velocity: Pose::identity(), interval: 0.0 }
+    }
+
+    /// The pose at `stamp` if the velocity stays the same.
+    pub(crate) fn predict(&self, stamp: Stamp) -> Pose {
+        let elapsed = stamp.seconds_since(self.stamp);
+        if self.interval <= 0.0 || elapsed > MAX_EXTRAPOLATION {
+            return self.T_camera_world;
+        }
+        pose::exp(&(pose::log(&self.velocity) * (elapsed / self.interval))) * self.T_camera_world
+    }
+
+    /// Records the pose at `stamp`.
+    pub(crate) fn update(&mut self, stamp: Stamp, T_camera_world: Pose) {
+        self.velocity = T_camera_world * self.T_camera_world.inverse();
+        self.interval = stamp.seconds_since(self.stamp);
+        self.T_odom_camera *= self.velocity.inverse();
+        self.T_odom_camera.rotation.renormalize();
+        self.T_camera_world = T_camera_world;
+        self.stamp = stamp;
+    }
+
+    /// The map moved under the camera: the pose changes, neither velocity nor odometry do.
+    pub(crate) fn correct(&mut self, T_camera_world: Pose) {
+        self.T_camera_world = T_camera_world;
+    }
+
+    /// The camera was found again at `stamp`: a new pose, at rest, without a jump in the odometry.
+    pub(crate) fn restart(&mut self, stamp: Stamp, T_camera_world: Pose) {
+        *self = Self::start(stamp, T_camera_world, self.T_odom_camera);
+    }
+
+    pub(crate) fn T_camera_world(&self) -> &Pose {
+        &self.T_camera_world
+    }
+
+    pub(crate) fn T_odom_camera(&self) -> &Pose {
+        &self.T_odom_camera
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector6;
+
+    #[test]
+    fn constant_velocity_is_extrapolated_in_proportion_to_time() {
+        let step = pose::exp(&Vector6::new(0.01, 0.0, 0.02, 0.0, 0.01, 0.0));
+        let at = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
+        let mut motion = Motion::start(at(0), Pose::identity(), Pose::identity());
+        assert_eq!(motion.predict(at(33)), Pose::identity());
+        motion.update(at(33), step);
+        assert!(pose::log(&(motion.predict(at(66)) * (step * step).inverse())).norm() < 1e-12);
+        assert!(pose::log(&(motion.predict(at(99)) * (step * step * step).inverse())).norm() < 1e-12);
+        assert_eq!(motion.predict(at(5000)), step, "no extrapolation over seconds");
+        assert!(pose::log(&(motion.T_odom_camera() * step)).norm() < 1e-12);
+    }
+}

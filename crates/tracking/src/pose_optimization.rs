@@ -1,0 +1,161 @@
+//! The camera pose from map points: Gauss–Newton with re-classified outliers.
+
+use nalgebra::{Matrix6, Point3, Vector6};
+use pfd_geometry::{Camera, Pose, pose};
+use pfd_optimization::RobustKernel;
+
+use crate::residual::{Measurement, linearize, residual};
+
+/// A map point and the corner that shows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PoseObservation {
+    /// Position in the world, metres.
+    pub point: Point3<f64>,
+    /// Where it was seen.
+    pub measured: Measurement,
+}
+
+/// An estimated pose.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(non_snake_case)]
+pub struct PoseEstimate {
+    /// World to camera.
+    pub T_camera_world: Pose,
+    /// For each observation, whether it agrees with the pose.
+    pub inliers: Vec<bool>,
+    /// Covariance of a perturbation in the camera frame (tx ty tz rx ry rz).
+    pub covariance: Matrix6<f64>,
+}
+
+impl PoseEstimate {
+    /// Number of observations that agree.
+    pub fn inlier_count(&self) -> usize {
+        self.inliers.iter().filter(|&&inlier| inlier).count()
+    }
+}
+
+/// Classifications of the observations into inliers and outliers.
+const ROUNDS: usize = 4;
+/// Gauss–Newton iterations in each round.
+const ITERATIONS: usize = 6;
+/// The robust kernel guards the first rounds; later ones are plain least squares over the inliers.
+const ROBUST_ROUNDS: usize = 2;
+/// A pose has six parameters; fewer than three points do not determine it.
+const MIN_OBSERVATIONS: usize = 3;
+/// A step smaller than this (metres and radians) ends the iteration.
+const STEP_TOLERANCE: f64 = 1e-7;
+
+/// Estimates the pose from `observations`, starting at `initial`.
+///
+/// `None` when the observations do not determine a pose (too few, degenerate, or no agreement).
+pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial: &Pose) -> Option<PoseEstimate> {
+    let mut estimate = *initial;
+    let mut inliers = vec![true; observations.len()];
+    let mut hessian = Matrix6::zeros();
+    for round in 0..ROUNDS {
+        if inliers.iter().filter(|&&inlier| inlier).count() < MIN_OBSERVATIONS {
+            return None;
+        }
+        let robust = round < ROBUST_ROUNDS;
+        for _ in 0..ITERATIONS {
+            let (h, gradient) = normal_equations(camera, observations, &inliers, &estimate, robust);
+            let step = h.cholesky()?.solve(&-gradient);
+            estimate = pose::exp(&step) * estimate;
+            hessian = h;
+            if step.norm() < STEP_TOLERANCE {
+                break;
+            }
+        }
+        for (inlier, observation) in inliers.iter_mut().zip(observations) {
+            *inlier = is_inlier(camera, observation, &estimate);
+        }
+    }
+    let covariance = hessian.try_inverse()?;
+    pose::is_finite(&estimate).then_some(PoseEstimate { T_camera_world: estimate, inliers, covariance })
+}
+
+/// Whether the observation agrees with the pose at the 95 % level.
+#[allow(non_snake_case)]
+pub fn is_inlier(camera: &Camera, observation: &PoseObservation, T_camera_world: &Pose) -> bool {
+    residual(camera, T_camera_world, &observation.point, &observation.measured)
+        .is_some_and(|r| r.norm_squared() <= observation.measured.chi2_threshold())
+}
+
+#[allow(non_snake_case)]
+fn normal_equations(
+    camera: &Camera,
+    observations: &[PoseObservation],
+    inliers: &[bool],
+    T_camera_world: &Pose,
+    robust: bool,
+) -> (Matrix6<f64>, Vector6<f64>) {
+    let mut hessian = Matrix6::zeros();
+    let mut gradient = Vector6::zeros();
+    for (observation, _) in observations.iter().zip(inliers).filter(|(_, inlier)| **inlier) {
+        let Some(linear) = linearize(camera, T_camera_world, &observation.point, &observation.measured) else {
+            continue;
+        };
+        let kernel = if robust {
+            RobustKernel::Huber(observation.measured.huber_width())
+        } else {
+            RobustKernel::Quadratic
+        };
+        let weighted = linear.by_pose.transpose() * kernel.weight(linear.residual.norm_squared());
+        hessian += weighted * linear.by_pose;
+        gradient += weighted * linear.residual;
+    }
+    (hessian, gradient)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point2;
+    use pfd_geometry::Distortion;
+    use rand::{RngExt, SeedableRng};
+
+    fn camera() -> Camera {
+        Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap()
+    }
+
+    /// Exact observations of `count` points; the first `outliers` of them point somewhere else.
+    fn scene(count: usize, outliers: usize, truth: &Pose, with_depth: bool) -> Vec<PoseObservation> {
+        let mut rng = rand_pcg::Pcg32::seed_from_u64(3);
+        (0..count)
+            .map(|i| {
+                let pixel = Point2::new(rng.random_range(20.0..620.0), rng.random_range(20.0..460.0));
+                let z = rng.random_range(1.0..4.0);
+                let point = truth.inverse() * camera().unproject(&pixel, z);
+                let shift = if i < outliers { 40.0 } else { 0.0 };
+                let measured = Measurement {
+                    pixel: Point2::new(pixel.x + shift, pixel.y),
+                    sigma: 1.0,
+                    depth: with_depth.then_some((z, 0.01)),
+                };
+                PoseObservation { point, measured }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn recovers_the_pose_despite_outliers() {
+        let truth = pose::exp(&Vector6::new(0.05, -0.02, 0.1, 0.02, -0.03, 0.05));
+        for with_depth in [true, false] {
+            let estimate = optimize_pose(&camera(), &scene(100, 25, &truth, with_depth), &Pose::identity()).unwrap();
+            assert!(pose::log(&(estimate.T_camera_world * truth.inverse())).norm() < 1e-6);
+            assert_eq!(estimate.inlier_count(), 75);
+            assert!(estimate.covariance.cholesky().is_some(), "a covariance is positive definite");
+        }
+    }
+
+    #[test]
+    fn degenerate_observations_have_no_pose() {
+        let truth = Pose::identity();
+        assert_eq!(optimize_pose(&camera(), &scene(2, 0, &truth, true), &truth), None);
+        let same = vec![scene(1, 0, &truth, false)[0]; 50];
+        assert_eq!(optimize_pose(&camera(), &same, &truth), None, "one point seen fifty times");
+        let mut behind = scene(50, 0, &truth, true);
+        behind.iter_mut().for_each(|o| o.point.z = -1.0);
+        assert_eq!(optimize_pose(&camera(), &behind, &truth), None);
+    }
+}

@@ -1,0 +1,397 @@
+//! The state machine around localisation and mapping.
+
+use std::thread::JoinHandle;
+
+use nalgebra::Matrix6;
+use pfd_geometry::{Camera, Mask, Pose, RgbdFrame, StageTimes, Stamp, StampedPose};
+use pfd_vision::features::FeatureExtractor;
+use rand::SeedableRng;
+use rand_pcg::Pcg32;
+
+use crate::bundle_adjustment::{self, BundleProblem, BundleResult};
+use crate::config::TrackingConfig;
+use crate::image_features::ImageFeatures;
+use crate::local_mapping;
+use crate::localization::{Localized, Localizer};
+use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
+use crate::motion::Motion;
+use crate::places::PlaceIndex;
+use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
+use crate::trajectory::TrajectoryLog;
+
+/// Camera tracking and mapping.
+pub struct Tracker {
+    camera: Camera,
+    config: TrackingConfig,
+    extractor: FeatureExtractor,
+    seed: u64,
+    rng: Pcg32,
+    map: Map,
+    /// Living keyframes in the order of their creation.
+    keyframe_order: Vec<KeyframeId>,
+    places: PlaceIndex,
+    trajectory: TrajectoryLog,
+    state: TrackingState,
+    frame_index: usize,
+    last_stamp: Option<Stamp>,
+    active: Option<Active>,
+    adjustment: Option<PendingAdjustment>,
+}
+
+/// What is known while (and after) a map exists.
+struct Active {
+    motion: Motion,
+    reference: KeyframeId,
+    /// Map points that the last frame showed.
+    last_points: Vec<MapPointId>,
+}
+
+/// A bundle adjustment that runs in the background.
+struct PendingAdjustment {
+    worker: JoinHandle<BundleResult>,
+    due_frame: usize,
+}
+
+/// A frame on its way through [`Tracker::track`].
+struct Candidate<'a> {
+    frame: &'a RgbdFrame,
+    /// `None` once the mask was given up because it leaves too little.
+    mask: Option<&'a Mask>,
+    features: ImageFeatures,
+}
+
+impl Tracker {
+    /// A tracker without a map.
+    ///
+    /// # Errors
+    /// When OpenCV cannot be set up.
+    pub fn new(camera: Camera, config: &TrackingConfig, seed: u64) -> Result<Self, TrackingError> {
+        pfd_vision::use_single_thread()?;
+        Ok(Self {
+            camera,
+            extractor: FeatureExtractor::new(config.features.options()),
+            config: config.clone(),
+            seed,
+            rng: Pcg32::seed_from_u64(seed),
+            map: Map::default(),
+            keyframe_order: Vec::new(),
+            places: PlaceIndex::new(seed),
+            trajectory: TrajectoryLog::default(),
+            state: TrackingState::NotInitialized,
+            frame_index: 0,
+            last_stamp: None,
+            active: None,
+            adjustment: None,
+        })
+    }
+
+    /// Estimates the pose of `frame`. Pixels that `mask` calls dynamic are not used.
+    ///
+    /// # Errors
+    /// [`TrackingError`] when frame or mask do not fit the camera, or the frame is not newer than the last.
+    pub fn track(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<TrackedFrame, TrackingError> {
+        frame.check_camera(&self.camera)?;
+        if let Some(last) = self.last_stamp.filter(|last| frame.stamp() <= *last) {
+            return Err(TrackingError::OutOfOrder { stamp: frame.stamp(), last });
+        }
+        let mut timing = StageTimes::default();
+        let features = timing.measure("features", || self.extract(frame, mask))?;
+        timing.measure("take over map", || self.take_over_adjustment(false));
+        self.last_stamp = Some(frame.stamp());
+        let mut candidate = Candidate { frame, mask, features };
+        let localized = timing.measure("localize", || self.localize(&mut candidate))?;
+        let tracked = timing.measure("map", || self.integrate(candidate, localized));
+        self.frame_index += 1;
+        Ok(TrackedFrame { timing, ..tracked })
+    }
+
+    fn extract(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<ImageFeatures, TrackingError> {
+        let features = self.extractor.extract(frame.gray(), mask, self.config.features.mask_margin)?;
+        Ok(ImageFeatures::new(features, frame, &self.config))
+    }
+
+    fn localizer(&self) -> Localizer<'_> {
+        Localizer { camera: &self.camera, config: &self.config, map: &self.map }
+    }
+
+    /// The pose of the candidate: with the mask, and where that leaves too little, without.
+    fn localize(&mut self, candidate: &mut Candidate<'_>) -> Result<Option<Localized>, TrackingError> {
+        let Some(active) = &self.active else { return Ok(None) };
+        if self.state == TrackingState::Lost {
+            return Ok(self.relocalize(&candidate.features));
+        }
+        let masked = self.follow(active, candidate);
+        let enough = |l: &Localized| l.matches.len() >= self.config.pose.min_unmasked_inliers;
+        if candidate.mask.is_none() || masked.as_ref().is_some_and(enough) {
+            return Ok(masked);
+        }
+        let mask = candidate.mask.take();
+        let features = std::mem::take(&mut candidate.features);
+        candidate.features = self.extract(candidate.frame, None)?;
+        let unmasked = self.active.as_ref().and_then(|active| self.follow(active, candidate));
+        if unmasked.is_none() {
+            candidate.mask = mask;
+            candidate.features = features;
+            return Ok(masked);
+        }
+        Ok(unmasked)
+    }
+
+    /// Tracks from the last frame, or failing that from the reference keyframe, and refines in the local map.
+    fn follow(&self, active: &Active, candidate: &Candidate<'_>) -> Option<Localized> {
+        let localizer = self.localizer();
+        let features = &candidate.features;
+        let predicted = active.motion.predict(candidate.frame.stamp());
+        let first = localizer
+            .from_prediction(features, &active.last_points, &predicted)
+            .or_else(|| localizer.from_prediction(features, &active.last_points, active.motion.T_camera_world()))
+            .or_else(|| localizer.from_keyframe(features, active.reference, active.motion.T_camera_world()))?;
+        localizer.in_local_map(features, &first, self.config.matching.local_map_radius).or(Some(first))
+    }
+
+    fn relocalize(&mut self, features: &ImageFeatures) -> Option<Localized> {
+        if !self.config.places.relocalization {
+            return None;
+        }
+        let candidates = self.places.query(features.descriptors());
+        let mut rng = self.rng.clone();
+        let ids = candidates.into_iter().map(|(id, _)| id);
+        let found = self.localizer().relocalize(features, ids, self.config.places.min_inliers, &mut rng);
+        self.rng = rng;
+        found
+    }
+
+    /// Updates state, motion and map with the outcome.
+    fn integrate(&mut self, candidate: Candidate<'_>, localized: Option<Localized>) -> TrackedFrame {
+        let features = candidate.features.len();
+        let (inliers, covariance, is_keyframe) = match localized {
+            Some(localized) => {
+                let (inliers, covariance) = (localized.matches.len(), localized.covariance);
+                (inliers, covariance, self.accept(candidate, &localized))
+            }
+            None if self.active.is_none() => (0, Matrix6::zeros(), self.initialize(candidate)),
+            None => {
+                self.state = TrackingState::Lost;
+                (0, Matrix6::zeros(), false)
+            }
+        };
+        let known = matches!(self.state, TrackingState::Ok | TrackingState::Relocalized);
+        let motion = self.active.as_ref().filter(|_| known).map(|active| &active.motion);
+        TrackedFrame {
+            stamp: self.last_stamp.unwrap_or_default(),
+            state: self.state,
+            T_world_camera: motion.map(|m| m.T_camera_world().inverse()),
+            T_odom_camera: motion.map(|m| *m.T_odom_camera()),
+            covariance,
+            features: features as u32,
+            inliers: inliers as u32,
+            keyframes: self.map.keyframe_count() as u32,
+            map_points: self.map.point_count() as u32,
+            is_keyframe,
+            timing: StageTimes::default(),
+        }
+    }
+
+    /// Starts the map from a frame with enough depth. The first camera is the origin of the world.
+    fn initialize(&mut self, candidate: Candidate<'_>) -> bool {
+        if candidate.features.with_depth() < self.config.pose.min_initial_points {
+            return false;
+        }
+        let stamp = candidate.frame.stamp();
+        let keyframe = Keyframe::new(stamp, self.frame_index, Pose::identity(), candidate.features);
+        let reference = self.insert_keyframe(keyframe, &[]);
+        self.trajectory.push(&self.map, stamp, reference, &Pose::identity());
+        let motion = Motion::start(stamp, Pose::identity(), Pose::identity());
+        self.active = Some(Active { motion, reference, last_points: self.points_of(reference) });
+        self.state = TrackingState::Ok;
+        true
+    }
+
+    /// Takes over a pose. Returns whether the frame became a keyframe.
+    fn accept(&mut self, candidate: Candidate<'_>, localized: &Localized) -> bool {
+        let was_lost = self.state == TrackingState::Lost;
+        self.state = if was_lost { TrackingState::Relocalized } else { TrackingState::Ok };
+        let stamp = candidate.frame.stamp();
+        let reference = self.reference_of(localized);
+        if let Some(active) = &mut self.active {
+            if was_lost {
+                active.motion.restart(stamp, localized.T_camera_world);
+            } else {
+                active.motion.update(stamp, localized.T_camera_world);
+            }
+            active.last_points = localized.matches.iter().map(|m| m.point).collect();
+            active.reference = reference.unwrap_or(active.reference);
+            self.trajectory.push(&self.map, stamp, active.reference, &localized.T_camera_world);
+        }
+        self.remember(&candidate, localized);
+        if !self.keyframe_is_due(&candidate, localized) {
+            return false;
+        }
+        self.take_over_adjustment(true);
+        self.add_keyframe(candidate, localized);
+        true
+    }
+
+    /// The keyframe that shares most points with the frame.
+    fn reference_of(&self, localized: &Localized) -> Option<KeyframeId> {
+        self.map.observers(localized.matches.iter().map(|m| m.point)).first().map(|(id, _)| *id)
+    }
+
+    fn remember(&mut self, candidate: &Candidate<'_>, localized: &Localized) {
+        let local = self.localizer().local_points(localized.matches.iter().map(|m| m.point));
+        local_mapping::update_point_memory(
+            &mut self.map,
+            &self.camera,
+            &self.config,
+            (candidate.frame.depth(), candidate.mask),
+            &localized.T_camera_world,
+            (&local, &localized.matches),
+        );
+    }
+
+    /// Mur-Artal and Tardós, T-RO 2017, section III-E: too little is left of the reference keyframe, or much new is in view.
+    fn keyframe_is_due(&self, candidate: &Candidate<'_>, localized: &Localized) -> bool {
+        let Some(active) = &self.active else { return false };
+        let Some(reference) = self.map.keyframe(active.reference) else { return true };
+        let newest = self.keyframe_order.last().and_then(|id| self.map.keyframe(*id));
+        let gap = newest.map_or(usize::MAX, |k| self.frame_index.saturating_sub(k.frame_index));
+        // Points from pixels that may move must not enter the map.
+        let without_mask = candidate.mask.is_none() && localized.matches.len() < self.config.pose.min_unmasked_inliers;
+        if gap < self.config.mapping.min_keyframe_gap || without_mask {
+            return false;
+        }
+        let established = usize::min(3, self.map.keyframe_count());
+        let of_reference = reference
+            .observed()
+            .filter(|(_, p)| self.map.point(*p).is_some_and(|p| p.observations().len() >= established))
+            .count();
+        let matched = localized.matches.len();
+        let few = (matched as f64) < self.config.mapping.keyframe_inlier_ratio * of_reference as f64;
+        let with_depth = |m: &&crate::matching::Match| candidate.features.measurement(m.feature).depth.is_some();
+        let matched_with_depth = localized.matches.iter().filter(with_depth).count();
+        let new = candidate.features.with_depth().saturating_sub(matched_with_depth);
+        let wanted = self.config.mapping.wanted_points;
+        few || (matched_with_depth < wanted && new > wanted)
+    }
+
+    fn add_keyframe(&mut self, candidate: Candidate<'_>, localized: &Localized) {
+        // The adjustment that was just taken over may have moved the pose.
+        let pose = self.active.as_ref().map_or(localized.T_camera_world, |a| *a.motion.T_camera_world());
+        let keyframe = Keyframe::new(candidate.frame.stamp(), self.frame_index, pose, candidate.features);
+        let id = self.insert_keyframe(keyframe, &localized.matches);
+        local_mapping::cull_points(&mut self.map, &self.config, &self.keyframe_order);
+        self.cull_keyframes(id);
+        let last_points = self.points_of(id);
+        if let Some(active) = &mut self.active {
+            active.reference = id;
+            active.last_points = last_points;
+        }
+        self.start_adjustment(id);
+    }
+
+    fn insert_keyframe(&mut self, keyframe: Keyframe, matches: &[crate::matching::Match]) -> KeyframeId {
+        let id = local_mapping::insert_keyframe(&mut self.map, &self.camera, &self.config, keyframe, matches);
+        if let Some(keyframe) = self.map.keyframe(id) {
+            self.places.insert(id, keyframe.features.descriptors());
+        }
+        self.keyframe_order.push(id);
+        id
+    }
+
+    fn points_of(&self, keyframe: KeyframeId) -> Vec<MapPointId> {
+        self.map.keyframe(keyframe).into_iter().flat_map(|k| k.observed().map(|(_, point)| point)).collect()
+    }
+
+    /// Drops keyframes near `newest` that add nothing. The first one stays: it is the origin.
+    fn cull_keyframes(&mut self, newest: KeyframeId) {
+        let first = self.keyframe_order.first().copied();
+        let candidates: Vec<_> = self.map.covisible(newest).into_iter().map(|(id, _)| id).collect();
+        for id in local_mapping::redundant_keyframes(&self.map, &self.config, &candidates) {
+            // Removing one makes others less redundant.
+            let still = local_mapping::redundant_keyframes(&self.map, &self.config, &[id]).contains(&id);
+            if Some(id) != first && still {
+                self.remove_keyframe(id);
+            }
+        }
+    }
+
+    fn remove_keyframe(&mut self, id: KeyframeId) {
+        let standin = self.map.covisible(id).first().map(|(other, _)| *other);
+        let Some(standin) = standin else { return };
+        self.trajectory.replace(&self.map, id, standin);
+        if let Some(keyframe) = self.map.keyframe(id) {
+            self.places.remove(id, keyframe.features.descriptors());
+        }
+        self.map.remove_keyframe(id);
+        self.keyframe_order.retain(|other| *other != id);
+    }
+
+    fn start_adjustment(&mut self, center: KeyframeId) {
+        let config = self.config.bundle_adjustment.clone();
+        if !config.enabled || self.map.keyframe_count() < 2 {
+            return;
+        }
+        let problem = BundleProblem::local(&self.map, &self.camera, center, &config);
+        let due_frame = self.frame_index + config.delay_frames;
+        let worker = std::thread::Builder::new()
+            .name("local bundle adjustment".to_owned())
+            .spawn(move || problem.solve(&config));
+        // Without a thread the map stays as it is until the next keyframe.
+        self.adjustment = worker.ok().map(|worker| PendingAdjustment { worker, due_frame });
+    }
+
+    /// Writes a finished bundle adjustment into the map once it is due (or `now`), at the same frame in every run.
+    fn take_over_adjustment(&mut self, now: bool) {
+        let due = self.adjustment.take_if(|pending| now || self.frame_index >= pending.due_frame);
+        let Some(Ok(result)) = due.map(|pending| pending.worker.join()) else { return };
+        let reference = self.active.as_ref().map(|active| active.reference);
+        let pose_of = |map: &Map| reference.and_then(|id| map.keyframe(id)).map(|k| k.T_camera_world);
+        let before = pose_of(&self.map);
+        bundle_adjustment::apply(&mut self.map, &result);
+        if let (Some(before), Some(after), Some(active)) = (before, pose_of(&self.map), &mut self.active) {
+            let corrected = active.motion.T_camera_world() * before.inverse() * after;
+            active.motion.correct(corrected);
+        }
+    }
+
+    /// Waits for background work and takes it over.
+    pub fn finish(&mut self) {
+        self.take_over_adjustment(true);
+    }
+
+    /// Forgets the map and everything else; configuration and camera stay.
+    pub fn reset(&mut self) {
+        self.take_over_adjustment(true);
+        self.map = Map::default();
+        self.keyframe_order.clear();
+        self.places = PlaceIndex::new(self.seed);
+        self.rng = Pcg32::seed_from_u64(self.seed);
+        self.trajectory = TrajectoryLog::default();
+        self.state = TrackingState::NotInitialized;
+        self.last_stamp = None;
+        self.active = None;
+    }
+
+    /// The map.
+    pub fn map(&self) -> &Map {
+        &self.map
+    }
+
+    /// Poses (camera to world) of all tracked frames by the present state of the map.
+    pub fn trajectory(&self) -> Vec<StampedPose> {
+        self.trajectory.poses(&self.map)
+    }
+
+    /// Poses (camera to world) of the keyframes, oldest first.
+    pub fn keyframe_trajectory(&self) -> Vec<StampedPose> {
+        let pose = |id: &KeyframeId| {
+            self.map.keyframe(*id).map(|k| StampedPose { stamp: k.stamp, pose: k.T_camera_world.inverse() })
+        };
+        self.keyframe_order.iter().filter_map(pose).collect()
+    }
+
+    /// All map points.
+    pub fn map_points(&self) -> Vec<MapPointView> {
+        self.map.points().map(|(_, p)| MapPointView { position: p.position, color: p.color }).collect()
+    }
+}
