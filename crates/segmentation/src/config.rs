@@ -1,0 +1,247 @@
+//! Every parameter of segmentation, with its default, in one tree.
+
+use std::fmt;
+use std::str::FromStr;
+
+use pfd_geometry::DepthNoise;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which method finds moving things.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Rigid ego-motion, static model, depth-bounded regions carried through time: the default.
+    #[default]
+    Pfd,
+    /// The published PFD-SLAM method as it stands.
+    Paper,
+    /// The published method restricted to one object (as MR-SLAM).
+    Single,
+    /// Features rejected by optical flow and epipolar distance, no regions (as OPF-SLAM).
+    Flow,
+    /// Everything is static (as ORB-SLAM2).
+    None,
+}
+
+impl Mode {
+    /// All modes.
+    pub const ALL: [Self; 5] = [Self::Pfd, Self::Paper, Self::Single, Self::Flow, Self::None];
+
+    /// The name used in parameters and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Pfd => "pfd",
+            Self::Paper => "paper",
+            Self::Single => "single",
+            Self::Flow => "flow",
+            Self::None => "none",
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A mode that does not exist.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("mode '{0}' does not exist; use pfd, paper, single, flow or none")]
+pub struct UnknownMode(pub String);
+
+impl FromStr for Mode {
+    type Err = UnknownMode;
+
+    fn from_str(s: &str) -> Result<Self, Self::Err> {
+        Self::ALL.into_iter().find(|m| m.name() == s).ok_or_else(|| UnknownMode(s.to_owned()))
+    }
+}
+
+/// Parameters of segmentation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SegmentationConfig {
+    /// Noise of the depth sensor.
+    pub depth_noise: DepthNoise,
+    /// The particle filter (paper, section 3.2).
+    pub particles: ParticleConfig,
+    /// Mode `pfd`.
+    pub pfd: PfdConfig,
+    /// Modes `paper`, `single` and `flow`.
+    pub paper: PaperConfig,
+}
+
+/// The particle filter: state [x y vx vy] (Eq. 2), Gaussian motion (Eq. 5), Gaussian-kernel weights (Eq. 3 and 4).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ParticleConfig {
+    /// Particles per filter (paper, table 1: 1000 is best).
+    #[schemars(range(min = 10, max = 100_000))]
+    pub count: usize,
+    /// Standard deviation σ of the weight kernel (Eq. 3), pixels of the camera image.
+    #[schemars(range(min = 0.5, max = 50.0))]
+    pub kernel_sigma: f64,
+    /// Standard deviation of a particle's position per frame beyond its own velocity (Eq. 5), pixels.
+    #[schemars(range(min = 0.1, max = 100.0))]
+    pub position_sigma: f64,
+    /// Standard deviation of the change of a particle's velocity per frame (Eq. 5), pixels per second.
+    #[schemars(range(min = 0.0, max = 2000.0))]
+    pub velocity_sigma: f64,
+    /// Resample when the effective number of particles falls below this share of all (step 4 of algorithm 2).
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub resample_below: f64,
+}
+
+impl Default for ParticleConfig {
+    fn default() -> Self {
+        Self { count: 1000, kernel_sigma: 4.0, position_sigma: 6.0, velocity_sigma: 90.0, resample_below: 0.5 }
+    }
+}
+
+/// How camera motion is taken out of image differences.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Compensation {
+    /// Rigid motion with depth: right for every static scene.
+    #[default]
+    Se3,
+    /// One homography: right for one plane or a pure rotation (the published method).
+    Homography,
+}
+
+/// What of an object's surroundings belongs to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RegionShape {
+    /// The surface, up to its depth edges.
+    #[default]
+    DepthEdges,
+    /// The bounding rectangle (the published method).
+    Rectangle,
+}
+
+/// Mode `pfd`. Each element is a switch, so that its effect can be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+#[allow(clippy::struct_excessive_bools)]
+pub struct PfdConfig {
+    /// How camera motion is compensated.
+    pub compensation: Compensation,
+    /// Compare with an older frame as well, not only with the previous one.
+    pub older_reference: bool,
+    /// Keep a model of the static scene and compare with it.
+    pub static_model: bool,
+    /// Extent of a moving region.
+    pub region: RegionShape,
+    /// Carry regions through time.
+    pub temporal: bool,
+    /// Ignore changes of brightness that leave the local texture as it is.
+    pub shadow_rejection: bool,
+    /// Require that particles gather on a region before it is accepted.
+    pub particle_support: bool,
+    /// Return an empty mask, and say so, when the camera motion is uncertain or nearly everything would be masked.
+    pub fail_open: bool,
+    /// Age of the older reference, seconds: long enough for slow movers to leave their place.
+    #[schemars(range(min = 0.05, max = 2.0))]
+    pub older_reference_age: f64,
+    /// Differences count from this many standard deviations.
+    #[schemars(range(min = 1.0, max = 10.0))]
+    pub significance: f64,
+    /// Share of evidence from which a pixel is dynamic.
+    #[schemars(range(min = 0.05, max = 0.95))]
+    pub threshold: f64,
+    /// Regions smaller than this share of the image are noise.
+    #[schemars(range(min = 0.0, max = 0.1))]
+    pub min_area: f64,
+    /// Something that moved belongs to the static scene again after this long without motion, seconds.
+    #[schemars(range(min = 0.1, max = 60.0))]
+    pub rest_time: f64,
+    /// Mask share beyond which the result is not believed.
+    #[schemars(range(min = 0.1, max = 1.0))]
+    pub max_mask_share: f64,
+    /// Fewest corners that must agree on the camera motion.
+    #[schemars(range(min = 6, max = 1000))]
+    pub min_inliers: usize,
+}
+
+impl Default for PfdConfig {
+    fn default() -> Self {
+        Self {
+            compensation: Compensation::Se3,
+            older_reference: true,
+            static_model: true,
+            region: RegionShape::DepthEdges,
+            temporal: true,
+            shadow_rejection: true,
+            particle_support: true,
+            fail_open: true,
+            older_reference_age: 0.2,
+            significance: 3.5,
+            threshold: 0.5,
+            min_area: 0.002,
+            rest_time: 2.5,
+            max_mask_share: 0.9,
+            min_inliers: 12,
+        }
+    }
+}
+
+/// The published method (modes `paper`, `single` and `flow`).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct PaperConfig {
+    /// Features per frame (algorithm 1, step 0).
+    #[schemars(range(min = 100, max = 20_000))]
+    pub features: usize,
+    /// Largest distance to the epipolar line, pixels (section 3.1).
+    #[schemars(range(min = 0.1, max = 10.0))]
+    pub epipolar_distance: f64,
+    /// Differences between matched and tracked positions beyond this many standard deviations are outliers (the 3σ test).
+    #[schemars(range(min = 1.0, max = 10.0))]
+    pub flow_sigmas: f64,
+    /// Objects searched for at most (algorithm 2, step 9).
+    #[schemars(range(min = 1, max = 10))]
+    pub max_objects: usize,
+    /// Differences of grey levels below this are noise and count as 0.
+    #[schemars(range(min = 0, max = 255))]
+    pub noise_floor: u8,
+    /// Mean difference (grey levels) under the particles below which there is no further object.
+    #[schemars(range(min = 0.0, max = 255.0))]
+    pub min_evidence: f64,
+    /// Depth clusters of K-means (algorithm 2, step 6).
+    #[schemars(range(min = 1, max = 10))]
+    pub depth_clusters: usize,
+    /// Points within this many pixels of a region's border are decided by K-means (last step of section 3.2).
+    #[schemars(range(min = 0, max = 100))]
+    pub border: u32,
+}
+
+impl Default for PaperConfig {
+    fn default() -> Self {
+        Self {
+            features: 1500,
+            epipolar_distance: 1.0,
+            flow_sigmas: 3.0,
+            max_objects: 3,
+            noise_floor: 25,
+            min_evidence: 20.0,
+            depth_clusters: 3,
+            border: 10,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mode_names_round_trip() {
+        for mode in Mode::ALL {
+            assert_eq!(mode.to_string().parse(), Ok(mode));
+        }
+        assert_eq!("PFD".parse::<Mode>(), Err(UnknownMode("PFD".into())));
+    }
+}

@@ -1,0 +1,309 @@
+//! Evidence for and against motion, pixel by pixel.
+//!
+//! Every cue is a test of the hypothesis "this surface is static" against what the hypothesis predicts, in units of the noise
+//! of that prediction. Evidence is a pair (evidence, weight); the ratio after diffusion is the share of the information nearby
+//! that speaks for motion.
+
+use pfd_geometry::DepthNoise;
+
+use super::reference::{Appearance, Warp};
+use super::static_model::ModelPoint;
+use super::view::{Pinhole, ViewFrame};
+
+/// The surface stands where an earlier frame saw free space: it has come in.
+const FREE_SPACE: f32 = 1.0;
+/// The surface stands in front of the static model.
+const BEFORE_MODEL: f32 = 1.5;
+/// Texture differs although depth agrees.
+const TEXTURE_CHANGED: f32 = 0.5;
+/// Strong texture agrees.
+const TEXTURE_SAME: f32 = 0.4;
+/// Depth agrees: says little, because a surface that slides along itself agrees as well.
+const DEPTH_SAME: f32 = 0.04;
+/// Depth agrees with a surface of the static model that was confirmed often.
+const MODEL_SAME: f32 = 0.4;
+/// The surface lies behind what was there: the background that something uncovered.
+const UNCOVERED: f32 = 0.15;
+/// Luma where depth is missing, compared with the static model.
+const LUMA: f32 = 0.4;
+
+/// Spacing of the pixels that are compared with earlier frames.
+pub(crate) const STRIDE: usize = 2;
+
+/// Noise of the texture image, grey levels: shot noise and JPEG coding.
+const TEXTURE_NOISE: f32 = 4.0;
+/// Gradient (grey levels per pixel) from which agreeing texture counts fully.
+const STRONG_GRADIENT: f32 = 12.0;
+/// Luma difference (grey levels) that a static surface shows by shadows of movers and exposure.
+const LUMA_TOLERANCE: f32 = 20.0;
+/// Confirmations from which a point of the static model is believed.
+pub(crate) const MIN_HITS: f32 = 3.0;
+
+/// Confirmations from which a point of the static model is certain.
+const SURE_HITS: f32 = 10.0;
+
+/// Accumulated evidence.
+#[derive(Debug, Default)]
+pub(crate) struct Field {
+    /// `[evidence, weight]` per working pixel.
+    pub(crate) cells: Vec<[f32; 2]>,
+    /// Evidence for motion between frames alone (no model, no memory).
+    pub(crate) motion: Vec<f32>,
+    /// How surely the static model explains the pixel, 0 to 1.
+    pub(crate) explained: Vec<f32>,
+}
+
+impl Field {
+    /// Forgets everything; `pixels` cells.
+    pub(crate) fn clear(&mut self, pixels: usize) {
+        self.cells.clear();
+        self.cells.resize(pixels, [0.0; 2]);
+        self.motion.clear();
+        self.motion.resize(pixels, 0.0);
+        self.explained.clear();
+        self.explained.resize(pixels, 0.0);
+    }
+
+    /// Adds `weight` of information, of which the share `evidence` speaks for motion.
+    pub(crate) fn add(&mut self, index: usize, evidence: f32, weight: f32) {
+        let cell = &mut self.cells[index];
+        cell[0] += evidence * weight;
+        cell[1] += weight;
+    }
+
+    fn add_motion(&mut self, index: usize, weight: f32) {
+        self.add(index, 1.0, weight);
+        self.motion[index] += weight;
+    }
+}
+
+/// What all comparisons of one frame share.
+pub(crate) struct Scene<'a> {
+    pub(crate) camera: &'a Pinhole,
+    /// Ray through each pixel.
+    pub(crate) rays: &'a [[f32; 2]],
+    pub(crate) noise: &'a DepthNoise,
+    pub(crate) frame: &'a ViewFrame,
+    pub(crate) appearance: &'a Appearance,
+    /// Length of the luma gradient per working pixel.
+    pub(crate) gradient: &'a [f32],
+    /// Depth with holes filled from their borders.
+    pub(crate) filled: &'a [f32],
+    /// Standard deviations from which a difference counts.
+    pub(crate) significance: f32,
+}
+
+/// Where a depth lies relative to what was seen before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Relation {
+    Nearer,
+    Same,
+    Farther,
+}
+
+impl Scene<'_> {
+    fn relation(&self, z: f32, near: f32, far: f32) -> Relation {
+        if z < near - self.tolerance(near) {
+            Relation::Nearer
+        } else if z > far + self.tolerance(far) {
+            Relation::Farther
+        } else {
+            Relation::Same
+        }
+    }
+
+    /// Significant difference of two depths around `z`, metres.
+    fn tolerance(&self, z: f32) -> f32 {
+        let (offset, quadratic) = (self.noise.offset as f32, self.noise.quadratic as f32);
+        self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z)
+    }
+
+    fn is_usable(&self, z: f32) -> bool {
+        z >= self.noise.min_depth as f32 && z <= self.noise.max_depth as f32
+    }
+
+    /// Compares the current frame with an earlier one, on every [`STRIDE`]th pixel of every [`STRIDE`]th row, starting at
+    /// `phase`; the diffusion fills in the rest. `pixel_sigma` is the uncertainty of the warp, pixels.
+    pub(crate) fn compare_reference(
+        &self,
+        earlier: &Appearance,
+        warp: &Warp,
+        (pixel_sigma, phase): (f32, usize),
+        field: &mut Field,
+    ) {
+        let width = self.camera.width;
+        for v in (phase / STRIDE % STRIDE..self.camera.height).step_by(STRIDE) {
+            for i in (v * width + phase % STRIDE..(v + 1) * width).step_by(STRIDE) {
+                self.compare_pixel(i, earlier, warp, pixel_sigma, field);
+            }
+        }
+    }
+
+    #[inline]
+    fn compare_pixel(&self, i: usize, earlier: &Appearance, warp: &Warp, pixel_sigma: f32, field: &mut Field) {
+        let measured = self.frame.depth.pixels()[i];
+        let has_depth = self.is_usable(measured);
+        let z = if has_depth { measured } else { self.filled[i] };
+        if z <= 0.0 {
+            return;
+        }
+        let Some((p, z)) = warp.apply(self.camera, self.rays[i], z) else { return };
+        let Some(j) = self.camera.nearest(p) else { return };
+        let (near, far) = (earlier.near.pixels()[j], earlier.far.pixels()[j]);
+        if has_depth && near > 0.0 {
+            match self.relation(z, near, far) {
+                Relation::Nearer => {
+                    field.add_motion(i, FREE_SPACE);
+                    return;
+                }
+                Relation::Farther => return,
+                Relation::Same => field.add(i, 0.0, DEPTH_SAME),
+            }
+        }
+        self.compare_texture(i, earlier, p, pixel_sigma, field);
+    }
+
+    /// The difference of texture in units of what noise and an uncertain warp explain: below one it speaks for "static", the
+    /// more the stronger the texture; towards [`Self::significance`] for motion.
+    fn compare_texture(&self, i: usize, earlier: &Appearance, p: [f32; 2], pixel_sigma: f32, field: &mut Field) {
+        let Some(expected) = bilinear(earlier.texture.pixels(), self.camera, p) else { return };
+        let difference = (self.appearance.texture.pixels()[i] - expected).abs();
+        let gradient = self.gradient[i];
+        let slip = gradient * pixel_sigma;
+        let sigma = (TEXTURE_NOISE * TEXTURE_NOISE + slip * slip).sqrt();
+        let evidence = ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
+        let texture = (gradient / STRONG_GRADIENT).min(1.0);
+        field.add(i, 0.0, (1.0 - evidence) * TEXTURE_SAME * texture * texture);
+        field.add_motion(i, evidence * TEXTURE_CHANGED);
+    }
+
+    /// Compares the current frame with the static model, of which `near` and `far` are the depth range.
+    pub(crate) fn compare_model(&self, model: &[ModelPoint], near: &[f32], far: &[f32], field: &mut Field) {
+        let offset = self.luma_offset(model);
+        for (i, &z) in self.frame.depth.pixels().iter().enumerate() {
+            if near[i] <= 0.0 {
+                continue;
+            }
+            if !self.is_usable(z) {
+                self.compare_luma(i, &model[i], offset, field);
+                continue;
+            }
+            match self.relation(z, near[i], far[i]) {
+                Relation::Nearer => field.add(i, 1.0, BEFORE_MODEL),
+                Relation::Same => {
+                    field.explained[i] = (model[i].hits / SURE_HITS).min(1.0);
+                    field.add(i, 0.0, MODEL_SAME * field.explained[i]);
+                }
+                Relation::Farther => field.add(i, 0.0, UNCOVERED),
+            }
+        }
+    }
+
+    fn compare_luma(&self, i: usize, point: &ModelPoint, offset: f32, field: &mut Field) {
+        let difference = (f32::from(self.frame.gray.pixels()[i]) - point.gray - offset).abs();
+        let slip = self.gradient[i];
+        let evidence = f32::from(u8::from(difference > LUMA_TOLERANCE + slip));
+        field.add(i, evidence, LUMA);
+    }
+
+    /// Mean luma difference between frame and model where depth agrees: the change of exposure.
+    fn luma_offset(&self, model: &[ModelPoint]) -> f32 {
+        let (mut sum, mut count) = (0.0, 1.0);
+        let pixels = self.frame.depth.pixels().iter().zip(self.frame.gray.pixels());
+        for (point, (&z, &gray)) in model.iter().zip(pixels).step_by(LUMA_SAMPLING) {
+            let difference = f32::from(gray) - point.gray;
+            let same = point.is_known() && (z - point.position[2]).abs() < self.tolerance(z);
+            if same && difference.abs() < LUMA_TOLERANCE * 2.0 {
+                sum += difference;
+                count += 1.0;
+            }
+        }
+        sum / count
+    }
+}
+
+/// Every how many pixels exposure is compared.
+const LUMA_SAMPLING: usize = 7;
+
+/// The image at a position between pixels; `None` at the border.
+fn bilinear(image: &[f32], camera: &Pinhole, [x, y]: [f32; 2]) -> Option<f32> {
+    let inside = x >= 0.0 && y >= 0.0 && x < (camera.width - 1) as f32 && y < (camera.height - 1) as f32;
+    if !inside {
+        return None;
+    }
+    let (u, v) = (x as usize, y as usize);
+    let (a, b) = (x - u as f32, y - v as f32);
+    let i = v * camera.width + u;
+    let (top, bottom) = (&image[i..i + 2], &image[i + camera.width..i + camera.width + 2]);
+    let (upper, lower) = (top[0] + (top[1] - top[0]) * a, bottom[0] + (bottom[1] - bottom[0]) * a);
+    Some(upper + (lower - upper) * b)
+}
+
+/// Largest gradient (grey levels per pixel) in the 3×3 neighbourhood: what a warp that is off by a pixel may run into.
+pub(crate) fn steepest_gradient(camera: &Pinhole, gray: &[u8], spare: &mut Vec<f32>, out: &mut Vec<f32>) {
+    let (width, height) = (camera.width, camera.height);
+    for buffer in [&mut *spare, &mut *out] {
+        buffer.clear();
+        buffer.resize(gray.len(), 0.0);
+    }
+    if width < 3 || height < 3 {
+        return;
+    }
+    for v in 1..height - 1 {
+        let [above, here, below] = [v - 1, v, v + 1].map(|r| &gray[r * width..(r + 1) * width]);
+        let row = &mut out[v * width..(v + 1) * width];
+        for u in 1..width - 1 {
+            let dx = f32::from(here[u + 1]) - f32::from(here[u - 1]);
+            let dy = f32::from(below[u]) - f32::from(above[u]);
+            row[u] = 0.5 * (dx * dx + dy * dy).sqrt();
+        }
+    }
+    for (to, from) in spare.chunks_exact_mut(width).zip(out.chunks_exact(width)) {
+        for (t, w) in to[1..].iter_mut().zip(from.windows(3)) {
+            *t = w[0].max(w[1]).max(w[2]);
+        }
+    }
+    for v in 1..height - 1 {
+        let [above, here, below] = [v - 1, v, v + 1].map(|r| &spare[r * width..(r + 1) * width]);
+        for (u, t) in out[v * width..(v + 1) * width].iter_mut().enumerate() {
+            *t = above[u].max(here[u]).max(below[u]);
+        }
+    }
+}
+
+/// Fills missing depth from the farther end of each gap in a row: what shows through a gap is mostly background.
+pub(crate) fn fill_rows(width: usize, depth: &[f32], out: &mut Vec<f32>) {
+    out.clear();
+    out.extend_from_slice(depth);
+    for row in out.chunks_exact_mut(width.max(1)) {
+        let mut start = 0;
+        while let Some(gap) = row[start..].iter().position(|&z| z == 0.0).map(|g| g + start) {
+            let end = row[gap..].iter().position(|&z| z > 0.0).map_or(row.len(), |e| e + gap);
+            let left = if gap > 0 { row[gap - 1] } else { 0.0 };
+            let right = row.get(end).copied().unwrap_or(0.0);
+            row[gap..end].fill(left.max(right));
+            start = end;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_take_the_farther_border() {
+        let mut out = Vec::new();
+        fill_rows(5, &[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], &mut out);
+        assert_eq!(out, [1.0, 2.0, 2.0, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn gradient_of_a_ramp() {
+        let camera = Pinhole { width: 5, height: 3, fx: 5.0, fy: 5.0, cx: 2.0, cy: 1.0 };
+        let gray: Vec<u8> = (0..15).map(|i| (i % 5) * 10).collect();
+        let mut out = Vec::new();
+        steepest_gradient(&camera, &gray, &mut Vec::new(), &mut out);
+        assert_eq!(out[7], 10.0);
+    }
+}

@@ -1,0 +1,15 @@
+//! Motion segmentation by rigid ego-motion: the engine of mode `pfd`.
+
+mod corners;
+mod diffusion;
+mod ego_motion;
+mod evidence;
+mod motion;
+mod objects;
+mod reference;
+mod regions;
+mod segmenter;
+mod static_model;
+mod view;
+
+pub(crate) use segmenter::{Outcome, RigidSegmenter};

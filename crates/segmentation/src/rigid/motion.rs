@@ -1,0 +1,163 @@
+//! Camera motion since the previous frame, and which corners do not follow it.
+
+use nalgebra::{Matrix3, Vector6};
+use pfd_geometry::{DepthNoise, Pose, pose};
+use pfd_vision::VisionError;
+use pfd_vision::two_view::homography;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::corners::{CornerTracker, Correspondence, with_depth};
+use super::ego_motion::{self, EgoMotion};
+use super::reference::FrameMotion;
+use super::view::{Motion, Pinhole, ViewFrame};
+use crate::config::{Compensation, PfdConfig};
+use crate::result::FailOpenReason;
+
+/// A corner in two frames.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CornerMove {
+    /// Pixel index in the previous frame.
+    pub(crate) from: usize,
+    /// Pixel index in the current frame.
+    pub(crate) to: usize,
+    /// Movement, pixels.
+    pub(crate) displacement: [f32; 2],
+    /// Squared normalised residual under the camera motion; `None` without depth.
+    pub(crate) chi2: Option<f32>,
+}
+
+/// Camera motion and corners.
+#[derive(Debug)]
+pub(crate) struct MotionEstimate {
+    pub(crate) motion: FrameMotion,
+    pub(crate) corners: Vec<CornerMove>,
+    /// Median image motion of corners, pixels.
+    pub(crate) flow: f32,
+}
+
+/// Estimates motion from frame to frame.
+#[derive(Debug)]
+pub(crate) struct MotionEstimator {
+    corners: CornerTracker,
+    noise: DepthNoise,
+    compensation: Compensation,
+    min_inliers: usize,
+    /// Camera velocity (twist per second): current from previous.
+    velocity: Vector6<f64>,
+    rng: Pcg64Mcg,
+}
+
+/// Share of image cells that must hold agreeing corners: two of sixteen.
+const MIN_SPREAD: f64 = 0.12;
+/// Reprojection threshold of the homography, working pixels.
+const HOMOGRAPHY_THRESHOLD: f64 = 1.0;
+
+impl MotionEstimator {
+    pub(crate) fn new(config: &PfdConfig, noise: DepthNoise, seed: u64) -> Self {
+        Self {
+            corners: CornerTracker::new(),
+            noise,
+            compensation: config.compensation,
+            min_inliers: config.min_inliers,
+            velocity: Vector6::zeros(),
+            rng: Pcg64Mcg::seed_from_u64(seed),
+        }
+    }
+
+    /// Loads the current frame.
+    pub(crate) fn load(&mut self, frame: &ViewFrame) -> Result<(), VisionError> {
+        self.corners.load(frame)
+    }
+
+    /// Makes the current frame the previous one.
+    pub(crate) fn advance(&mut self, frame: &ViewFrame) -> Result<(), VisionError> {
+        self.corners.advance(frame)
+    }
+
+    /// Motion in `dt` seconds; `trust` weighs pixels of the previous frame, 0 for known movers.
+    pub(crate) fn estimate(
+        &mut self,
+        camera: &Pinhole,
+        (previous, current): (&ViewFrame, &ViewFrame),
+        trust: impl Fn(usize) -> f32,
+        dt: f64,
+    ) -> Result<Result<MotionEstimate, FailOpenReason>, VisionError> {
+        let guess = pose::exp(&(self.velocity * dt));
+        let found = self.corners.follow(camera, &previous.depth, &guess)?;
+        let solved = self
+            .solve(camera, (previous, current), &found, &guess, trust)
+            .or_else(|_| self.solve(camera, (previous, current), &found, &guess, |_| 1.0));
+        let ego = match solved {
+            Ok(ego) => ego,
+            Err(reason) => return Ok(Err(reason)),
+        };
+        self.velocity = pose::log(&ego.T_current_previous) / dt;
+        let motion =
+            FrameMotion { T_earlier_current: ego.T_current_previous.inverse(), homography: self.homography(&found)? };
+        let corners = self.judge(camera, (previous, current), &found, &ego.T_current_previous);
+        let flow = median_length(&corners);
+        Ok(Ok(MotionEstimate { motion, corners, flow }))
+    }
+
+    fn solve(
+        &mut self,
+        camera: &Pinhole,
+        (previous, current): (&ViewFrame, &ViewFrame),
+        found: &[Correspondence],
+        guess: &Pose,
+        trust: impl Fn(usize) -> f32,
+    ) -> Result<EgoMotion, FailOpenReason> {
+        let tracks = with_depth(camera, found, &previous.depth, &current.depth, trust);
+        let tracks: Vec<_> = tracks.into_iter().map(|(_, track)| track).collect();
+        let needed = self.min_inliers;
+        let few = FailOpenReason::FewInliers { inliers: 0, needed };
+        let ego = ego_motion::estimate(camera, &self.noise, &tracks, guess, &mut self.rng).ok_or(few)?;
+        if ego.inliers < needed {
+            return Err(FailOpenReason::FewInliers { inliers: ego.inliers, needed });
+        }
+        if ego.spread < MIN_SPREAD {
+            return Err(FailOpenReason::NarrowSupport { share: ego.spread });
+        }
+        Ok(ego)
+    }
+
+    fn homography(&self, found: &[Correspondence]) -> Result<Option<Matrix3<f64>>, VisionError> {
+        if self.compensation == Compensation::Se3 {
+            return Ok(None);
+        }
+        let (to, from): (Vec<_>, Vec<_>) = found.iter().map(|c| (c.to, c.from)).unzip();
+        let relation = homography(&to, &from, HOMOGRAPHY_THRESHOLD)?;
+        Ok(Some(relation.map_or_else(Matrix3::identity, |r| r.matrix)))
+    }
+
+    #[allow(non_snake_case)]
+    fn judge(
+        &self,
+        camera: &Pinhole,
+        (previous, current): (&ViewFrame, &ViewFrame),
+        found: &[Correspondence],
+        T_current_previous: &Pose,
+    ) -> Vec<CornerMove> {
+        let motion = Motion::from(T_current_previous);
+        let mut corners: Vec<CornerMove> = found
+            .iter()
+            .filter_map(|c| {
+                let displacement = [c.to[0] - c.from[0], c.to[1] - c.from[1]];
+                Some(CornerMove { from: camera.nearest(c.from)?, to: camera.nearest(c.to)?, displacement, chi2: None })
+            })
+            .collect();
+        let tracks = with_depth(camera, found, &previous.depth, &current.depth, |_| 1.0);
+        for (k, track) in tracks {
+            if let Some(corner) = corners.get_mut(k) {
+                corner.chi2 = Some(ego_motion::squared_residual(camera, &self.noise, &motion, &track));
+            }
+        }
+        corners
+    }
+}
+
+fn median_length(corners: &[CornerMove]) -> f32 {
+    let mut lengths: Vec<f32> = corners.iter().map(|c| c.displacement[0].hypot(c.displacement[1])).collect();
+    super::objects::median(&mut lengths).unwrap_or(0.0)
+}

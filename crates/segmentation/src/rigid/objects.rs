@@ -1,0 +1,164 @@
+//! Moving things through time: identity, image motion, rest.
+
+use super::motion::CornerMove;
+use super::regions::{BACKGROUND, Component};
+use super::view::Pinhole;
+
+/// A moving thing.
+#[derive(Clone, Debug)]
+pub(crate) struct Object {
+    /// Stays the same while the thing is followed.
+    pub(crate) id: u32,
+    /// Label of its pixels in the current label image.
+    pub(crate) label: u16,
+    /// Its working pixels.
+    pub(crate) pixels: Vec<u32>,
+    /// Image velocity, working pixels per second.
+    pub(crate) velocity: [f32; 2],
+    /// Time of the last motion seen, seconds.
+    pub(crate) last_motion: f64,
+    /// How well established it is, 0 to 1: what was seen to move for long is remembered for long.
+    pub(crate) confidence: f32,
+}
+
+/// The objects of the last frame, as labels in its view.
+#[derive(Debug, Default)]
+pub(crate) struct Objects {
+    pub(crate) list: Vec<Object>,
+    /// Label per working pixel of the last frame; [`BACKGROUND`] where nothing moves.
+    pub(crate) labels: Vec<u16>,
+    /// Labels carried into the current frame.
+    pub(crate) carried: Vec<u16>,
+    next_id: u32,
+    /// Confidence by label.
+    confidences: Vec<f32>,
+}
+
+impl Objects {
+    /// Confidence in the object that was carried to pixel `i`; 0 where there is none.
+    pub(crate) fn confidence(&self, i: usize) -> f32 {
+        let label = self.carried[i];
+        if label == BACKGROUND { 0.0 } else { self.confidences.get(label as usize).copied().unwrap_or(0.0) }
+    }
+}
+
+/// A surface keeps its label only where depth changed by less than this from frame to frame, metres: at 30 Hz nothing in a room
+/// comes nearer by 6 m/s.
+const MAX_DEPTH_STEP: f32 = 0.2;
+
+/// Mean evidence of motion per compared pixel from which an object counts as moving.
+const MOVING_SHARE: f32 = 0.01;
+/// Confidence gained per frame at most: an object is established after a third of a second.
+const MAX_GAIN: f32 = 0.1;
+/// Confidence lost per frame: a second without motion takes a third of it.
+const FORGETTING: f32 = 0.01;
+
+impl Objects {
+    /// Forgets everything but the next identity.
+    pub(crate) fn clear(&mut self, pixels: usize) {
+        self.list.clear();
+        for labels in [&mut self.labels, &mut self.carried] {
+            labels.clear();
+            labels.resize(pixels, BACKGROUND);
+        }
+    }
+
+    /// Updates image velocities from how corners on the objects moved in `dt` seconds.
+    pub(crate) fn update_velocities(&mut self, corners: &[CornerMove], dt: f64) {
+        for object in &mut self.list {
+            let own = corners.iter().filter(|c| self.labels[c.from] == object.label);
+            let (mut dx, mut dy): (Vec<f32>, Vec<f32>) = own.map(|c| (c.displacement[0], c.displacement[1])).unzip();
+            if let (Some(x), Some(y)) = (median(&mut dx), median(&mut dy)) {
+                object.velocity = [x / dt as f32, y / dt as f32];
+            }
+        }
+    }
+
+    /// Carries the labels into the current frame: each object by its own image motion.
+    pub(crate) fn carry(&mut self, camera: &Pinhole, previous: &[f32], current: &[f32], dt: f64) {
+        self.carried.fill(BACKGROUND);
+        let labels = self.list.iter().map(|o| o.label as usize + 1).max().unwrap_or(0);
+        self.confidences.clear();
+        self.confidences.resize(labels, 0.0);
+        for object in &self.list {
+            self.confidences[object.label as usize] = object.confidence;
+            let (dx, dy) = (object.velocity[0] * dt as f32, object.velocity[1] * dt as f32);
+            for &i in &object.pixels {
+                let (u, v) = ((i as usize % camera.width) as f32 + dx, (i as usize / camera.width) as f32 + dy);
+                let Some(j) = camera.nearest([u, v]) else { continue };
+                let (from, to) = (previous[i as usize], current[j]);
+                if from == 0.0 || to == 0.0 || (from - to).abs() < MAX_DEPTH_STEP {
+                    self.carried[j] = object.label;
+                }
+            }
+        }
+    }
+
+    /// Matches new components with the objects they continue.
+    pub(crate) fn update(&mut self, components: Vec<Component>, motion: &[f32], now: f64) {
+        let mut taken = vec![false; self.list.len()];
+        let mut next = Vec::with_capacity(components.len());
+        for (k, component) in components.into_iter().enumerate() {
+            let evidence: f32 = component.pixels.iter().map(|&i| motion[i as usize].min(1.0)).sum();
+            let moving = evidence / component.pixels.len() as f32;
+            let known = self.best_match(&component, &taken);
+            if let Some(m) = known {
+                taken[m] = true;
+            }
+            next.push(self.continued(known, component, k as u16 + 1, moving, now));
+        }
+        self.list = next;
+        self.labels.fill(BACKGROUND);
+        for object in &self.list {
+            for &i in &object.pixels {
+                self.labels[i as usize] = object.label;
+            }
+        }
+    }
+
+    /// Removes and returns the objects for which `rested` holds.
+    pub(crate) fn release(&mut self, rested: impl Fn(&Object) -> bool) -> Vec<Object> {
+        let (out, keep) = std::mem::take(&mut self.list).into_iter().partition(|o| rested(o));
+        self.list = keep;
+        let out: Vec<Object> = out;
+        for &i in out.iter().flat_map(|o| &o.pixels) {
+            self.labels[i as usize] = BACKGROUND;
+        }
+        out
+    }
+
+    /// The old object that most of the component's carried pixels belong to.
+    fn best_match(&self, component: &Component, taken: &[bool]) -> Option<usize> {
+        let most = self.list.iter().map(|o| o.label).max()?;
+        let mut votes = vec![0_usize; most as usize + 1];
+        for &i in &component.pixels {
+            votes[self.carried[i as usize] as usize] += 1;
+        }
+        let votes_of = |m: usize| votes[self.list[m].label as usize];
+        (0..self.list.len()).filter(|&m| !taken[m] && votes_of(m) > 0).max_by_key(|&m| votes_of(m))
+    }
+
+    fn continued(&mut self, known: Option<usize>, c: Component, label: u16, moving: f32, now: f64) -> Object {
+        let old = known.map(|m| &self.list[m]);
+        let id = old.map_or(self.next_id, |o| o.id);
+        if old.is_none() {
+            self.next_id += 1;
+        }
+        let last_motion = if moving > MOVING_SHARE { now } else { old.map_or(now, |o| o.last_motion) };
+        Object {
+            id,
+            label,
+            pixels: c.pixels,
+            velocity: old.map_or([0.0; 2], |o| o.velocity),
+            last_motion,
+            confidence: (old.map_or(0.0, |o| o.confidence) + moving.min(MAX_GAIN) - FORGETTING).clamp(0.0, 1.0),
+        }
+    }
+}
+
+/// The middle value; `None` for no values.
+pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len().checked_sub(1)? / 2;
+    let (_, m, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
+    Some(*m)
+}

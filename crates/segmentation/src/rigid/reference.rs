@@ -1,0 +1,171 @@
+//! Past frames to compare with, and how current pixels map into them.
+
+use nalgebra::Matrix3;
+use pfd_geometry::{Image, Pose};
+use pfd_vision::VisionError;
+use pfd_vision::warp::box_mean;
+
+use super::view::{Motion, Pinhole, ViewFrame};
+
+/// Side of the window whose mean is taken off for the texture image, working pixels: shadows and exposure change more slowly
+/// over the image than this, texture faster.
+const TEXTURE_WINDOW: i32 = 9;
+
+/// Where a current pixel was seen by an earlier frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Warp {
+    /// By rigid motion and depth.
+    Rigid(Motion),
+    /// By one homography for all pixels; depth is taken as unchanged.
+    Plane([[f32; 3]; 3]),
+}
+
+impl Warp {
+    /// Position and depth in the other view of the surface on `ray` with depth `z`.
+    #[inline]
+    pub(crate) fn apply(&self, camera: &Pinhole, ray: [f32; 2], z: f32) -> Option<([f32; 2], f32)> {
+        match self {
+            Self::Rigid(motion) => {
+                let p = motion.apply([ray[0] * z, ray[1] * z, z]);
+                (p[2] > 0.0).then(|| (camera.project(p), p[2]))
+            }
+            Self::Plane(h) => {
+                let [u, v] = camera.project([ray[0], ray[1], 1.0]);
+                let row = |i: usize| h[i][0] * u + h[i][1] * v + h[i][2];
+                let w = row(2);
+                (w > f32::EPSILON).then(|| ([row(0) / w, row(1) / w], z))
+            }
+        }
+    }
+
+    /// A homography in single precision.
+    pub(crate) fn plane(h: &Matrix3<f64>) -> Self {
+        let row = |i: usize| [h[(i, 0)] as f32, h[(i, 1)] as f32, h[(i, 2)] as f32];
+        Self::Plane([row(0), row(1), row(2)])
+    }
+}
+
+/// Camera motion between two frames.
+#[derive(Clone, Copy, Debug)]
+#[allow(non_snake_case)]
+pub(crate) struct FrameMotion {
+    /// Current camera coordinates to those of the earlier frame.
+    pub(crate) T_earlier_current: Pose,
+    /// Current pixels to pixels of the earlier frame, where compensation is by homography.
+    pub(crate) homography: Option<Matrix3<f64>>,
+}
+
+impl FrameMotion {
+    /// No motion.
+    pub(crate) fn none(homography: bool) -> Self {
+        Self { T_earlier_current: Pose::identity(), homography: homography.then(Matrix3::identity) }
+    }
+
+    /// This motion after one more frame.
+    pub(crate) fn then(&self, next: &Self) -> Self {
+        Self {
+            T_earlier_current: self.T_earlier_current * next.T_earlier_current,
+            homography: self.homography.zip(next.homography).map(|(a, b)| a * b),
+        }
+    }
+
+    /// The warp of current pixels into the earlier frame.
+    pub(crate) fn warp(&self) -> Warp {
+        self.homography.map_or_else(|| Warp::Rigid(Motion::from(&self.T_earlier_current)), |h| Warp::plane(&h))
+    }
+}
+
+/// What a frame offers for comparison.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Appearance {
+    /// Luma without its local mean (or luma itself where shadows are to count as motion).
+    pub(crate) texture: Image<f32>,
+    /// Nearest depth in the 3×3 neighbourhood; 0 where the pixel itself has none.
+    pub(crate) near: Image<f32>,
+    /// Farthest depth there.
+    pub(crate) far: Image<f32>,
+}
+
+impl Appearance {
+    /// Derives everything from a frame, reusing the buffers.
+    pub(crate) fn update(&mut self, frame: &ViewFrame, remove_mean: bool) -> Result<(), VisionError> {
+        let (width, height) = frame.gray.size();
+        if self.texture.size() != (width, height) {
+            self.texture = Image::filled(width, height, 0.0);
+            self.near = self.texture.clone();
+            self.far = self.texture.clone();
+        }
+        if remove_mean {
+            box_mean(&frame.gray, TEXTURE_WINDOW, &mut self.texture)?;
+            for (t, &g) in self.texture.pixels_mut().iter_mut().zip(frame.gray.pixels()) {
+                *t = f32::from(g) - *t;
+            }
+        } else {
+            for (t, &g) in self.texture.pixels_mut().iter_mut().zip(frame.gray.pixels()) {
+                *t = f32::from(g);
+            }
+        }
+        depth_range(width, frame.depth.pixels(), self.near.pixels_mut(), self.far.pixels_mut());
+        Ok(())
+    }
+}
+
+/// A past frame.
+#[derive(Clone, Debug)]
+pub(crate) struct Reference {
+    /// Seconds since some fixed instant.
+    pub(crate) time: f64,
+    /// Motion from then to now.
+    pub(crate) motion: FrameMotion,
+    /// What it looked like.
+    pub(crate) appearance: Appearance,
+}
+
+/// Nearest and farthest depth of each 3×3 neighbourhood, ignoring missing depth; both 0 where the centre has none.
+pub(crate) fn depth_range(width: usize, depth: &[f32], near: &mut [f32], far: &mut [f32]) {
+    let height = depth.len() / width.max(1);
+    let mut columns = vec![(f32::INFINITY, 0.0_f32); width + 2];
+    for v in 0..height {
+        let rows = v.saturating_sub(1)..(v + 2).min(height);
+        for u in 0..width {
+            let mut range = (f32::INFINITY, 0.0_f32);
+            for r in rows.clone() {
+                let z = depth[r * width + u];
+                if z > 0.0 {
+                    range = (range.0.min(z), range.1.max(z));
+                }
+            }
+            columns[u + 1] = range;
+        }
+        for u in 0..width {
+            let i = v * width + u;
+            let [a, b, c] = [columns[u], columns[u + 1], columns[u + 2]];
+            let measured = depth[i] > 0.0;
+            near[i] = if measured { a.0.min(b.0).min(c.0) } else { 0.0 };
+            far[i] = if measured { a.1.max(b.1).max(c.1) } else { 0.0 };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn range_of_a_small_image() {
+        // 3×2 pixels, one without depth.
+        let depth = [1.0, 2.0, 5.0, 0.0, 3.0, 4.0];
+        let (mut near, mut far) = ([9.0; 6], [9.0; 6]);
+        depth_range(3, &depth, &mut near, &mut far);
+        assert_eq!(near, [1.0, 1.0, 2.0, 0.0, 1.0, 2.0]);
+        assert_eq!(far, [3.0, 5.0, 5.0, 0.0, 5.0, 5.0]);
+    }
+
+    #[test]
+    fn a_homography_maps_pixels_and_keeps_depth() {
+        let h = Matrix3::new(1.0, 0.0, 4.0, 0.0, 1.0, -2.0, 0.0, 0.0, 1.0);
+        let camera = Pinhole { width: 32, height: 24, fx: 26.0, fy: 26.0, cx: 15.5, cy: 11.5 };
+        let (p, z) = Warp::plane(&h).apply(&camera, camera.ray(10 * 32 + 10), 1.5).unwrap();
+        assert!((p[0] - 14.0).abs() < 1e-4 && (p[1] - 8.0).abs() < 1e-4 && z == 1.5);
+    }
+}

@@ -1,0 +1,112 @@
+//! From a belief per pixel to connected regions.
+
+use super::view::Pinhole;
+
+/// Label of pixels that belong to no region.
+pub(crate) const BACKGROUND: u16 = 0;
+
+/// A connected set of dynamic pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Component {
+    /// Working pixels.
+    pub(crate) pixels: Vec<u32>,
+}
+
+/// Connected components (4 neighbours) of pixels above `low` that hold at least one pixel above `high` and `min_pixels` pixels.
+pub(crate) fn components(
+    camera: &Pinhole,
+    belief: &[f32],
+    (low, high): (f32, f32),
+    min_pixels: usize,
+    visited: &mut Vec<bool>,
+) -> Vec<Component> {
+    visited.clear();
+    visited.resize(belief.len(), false);
+    let mut found = Vec::new();
+    for seed in 0..belief.len() {
+        if visited[seed] || belief[seed] < high {
+            continue;
+        }
+        let pixels = flood(camera, seed, visited, |i| belief[i] >= low);
+        if pixels.len() >= min_pixels {
+            found.push(Component { pixels });
+        }
+    }
+    found
+}
+
+/// All pixels that connect to `seed` through pixels for which `inside` holds.
+fn flood(camera: &Pinhole, seed: usize, visited: &mut [bool], inside: impl Fn(usize) -> bool) -> Vec<u32> {
+    let mut pixels = vec![seed as u32];
+    visited[seed] = true;
+    let mut next = 0;
+    while let Some(&i) = pixels.get(next) {
+        next += 1;
+        for j in neighbours(camera, i as usize).into_iter().flatten() {
+            if !visited[j] && inside(j) {
+                visited[j] = true;
+                pixels.push(j as u32);
+            }
+        }
+    }
+    pixels
+}
+
+/// The pixels left, right, above and below.
+pub(crate) fn neighbours(camera: &Pinhole, i: usize) -> [Option<usize>; 4] {
+    let (width, u) = (camera.width, i % camera.width);
+    [
+        (u > 0).then(|| i - 1),
+        (u + 1 < width).then(|| i + 1),
+        i.checked_sub(width),
+        (i + width < camera.pixels()).then(|| i + width),
+    ]
+}
+
+/// Sets every hole of `mask` (0 enclosed by 255) of at most `max_pixels` pixels.
+pub(crate) fn fill_holes(camera: &Pinhole, mask: &mut [u8], max_pixels: usize, visited: &mut Vec<bool>) {
+    visited.clear();
+    visited.resize(mask.len(), false);
+    for seed in 0..mask.len() {
+        if visited[seed] || mask[seed] != 0 {
+            continue;
+        }
+        let hole = flood(camera, seed, visited, |i| mask[i] == 0);
+        if hole.len() <= max_pixels {
+            for i in hole {
+                mask[i as usize] = 255;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 6, height: 4, fx: 6.0, fy: 6.0, cx: 2.5, cy: 1.5 };
+
+    #[test]
+    fn weak_pixels_join_strong_ones_only() {
+        let mut belief = [0.0_f32; 24];
+        belief[0] = 0.6;
+        belief[1] = 0.9;
+        belief[5] = 0.6;
+        let found = components(&CAMERA, &belief, (0.5, 0.8), 1, &mut Vec::new());
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].pixels, [1, 0]);
+        assert!(components(&CAMERA, &belief, (0.5, 0.8), 3, &mut Vec::new()).is_empty());
+    }
+
+    #[test]
+    fn holes_are_filled_up_to_a_size() {
+        let mut mask = [255_u8; 24];
+        mask[7] = 0;
+        let mut open = mask;
+        fill_holes(&CAMERA, &mut mask, 1, &mut Vec::new());
+        assert_eq!(mask[7], 255);
+        open[8] = 0;
+        fill_holes(&CAMERA, &mut open, 1, &mut Vec::new());
+        assert_eq!((open[7], open[8]), (0, 0));
+    }
+}

@@ -1,0 +1,415 @@
+//! Mode `pfd`: one frame after the other, in the working view.
+
+use std::collections::VecDeque;
+
+use pfd_geometry::{Camera, DepthNoise, RgbdFrame, StageTimes};
+use pfd_vision::VisionError;
+
+use super::diffusion::{Conductance, EdgeScales};
+use super::evidence::{Field, MIN_HITS, STRIDE, Scene, fill_rows, steepest_gradient};
+use super::motion::{MotionEstimate, MotionEstimator};
+use super::objects::Objects;
+use super::reference::{Appearance, FrameMotion, Reference, depth_range};
+use super::regions::{BACKGROUND, components, fill_holes};
+use super::static_model::StaticModel;
+use super::view::{Motion, View, ViewFrame};
+use crate::config::{Compensation, PfdConfig, RegionShape, SegmentationConfig};
+use crate::result::FailOpenReason;
+
+/// What one step found.
+pub(crate) enum Outcome {
+    /// Nothing to compare with.
+    First,
+    /// The mask was not believed.
+    Failed(FailOpenReason),
+    /// Mask and objects are up to date.
+    Done,
+}
+
+/// The engine.
+#[derive(Debug)]
+pub(crate) struct RigidSegmenter {
+    config: PfdConfig,
+    noise: DepthNoise,
+    seed: u64,
+    pub(crate) view: View,
+    estimator: MotionEstimator,
+    current: ViewFrame,
+    previous: ViewFrame,
+    appearance: Appearance,
+    /// Past frames, the newest first.
+    history: VecDeque<Reference>,
+    model: StaticModel,
+    pub(crate) objects: Objects,
+    last_time: f64,
+    failures: usize,
+    /// Frames processed, which sets the pixels that are compared.
+    frames: usize,
+    buffers: Buffers,
+    /// Evidence of this frame.
+    pub(crate) field: Field,
+    /// 255 where something moves.
+    pub(crate) mask: Vec<u8>,
+}
+
+/// Images that live as long as the segmenter.
+#[derive(Debug, Default)]
+struct Buffers {
+    gradient: Vec<f32>,
+    spare: Vec<f32>,
+    filled: Vec<f32>,
+    model_depth: Vec<f32>,
+    model_near: Vec<f32>,
+    model_far: Vec<f32>,
+    conductance: Conductance,
+    belief: Vec<f32>,
+    visited: Vec<bool>,
+    spare_mask: Vec<u8>,
+}
+
+/// Frames kept for comparison: at 30 Hz about half a second.
+const HISTORY: usize = 16;
+/// Frames without a motion estimate after which everything is forgotten.
+const MAX_FAILURES: usize = 5;
+/// Frames never lie closer in time than this, seconds.
+const MIN_DT: f64 = 1e-3;
+/// Confirmations of the static model that add to the trust in a corner.
+const MAX_TRUST: f32 = 3.0;
+/// Weight of what the last frame knew about a pixel.
+const MEMORY: f32 = 0.3;
+/// Evidence of a corner that moves on its own.
+const CORNER: f32 = 1.0;
+/// Squared normalised residual from which a corner moves on its own (3 degrees of freedom, far beyond 99.9 %).
+const CORNER_CHI2: f32 = 30.0;
+/// A corner speaks for the pixels this far around it.
+const CORNER_RADIUS: usize = 2;
+/// Weight of the assumption "static" where nothing is known.
+const PRIOR: f32 = 0.04;
+/// Regions start where the belief exceeds the threshold by this much.
+const HYSTERESIS: f32 = 0.1;
+/// Uncertainty of a warp, working pixels: interpolation and pose, …
+const WARP_SIGMA: f32 = 0.35;
+/// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
+const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
+/// Passes of the diffusion.
+const DIFFUSION_PASSES: usize = 2;
+/// What stops the diffusion.
+const EDGES: EdgeScales = EdgeScales { radius: 20.0, depth: 2.0, gray: 80.0 };
+/// Holes of a mask up to this share of the image are filled.
+const HOLE_SHARE: f64 = 0.002;
+
+impl RigidSegmenter {
+    pub(crate) fn new(camera: &Camera, config: &SegmentationConfig, seed: u64) -> Self {
+        let view = View::new(camera);
+        let mut segmenter = Self {
+            config: config.pfd,
+            noise: config.depth_noise,
+            seed,
+            estimator: MotionEstimator::new(&config.pfd, config.depth_noise, seed),
+            current: ViewFrame::default(),
+            previous: ViewFrame::default(),
+            appearance: Appearance::default(),
+            history: VecDeque::with_capacity(HISTORY),
+            model: StaticModel::new(&view.camera),
+            objects: Objects::default(),
+            last_time: 0.0,
+            failures: 0,
+            frames: 0,
+            buffers: Buffers::default(),
+            field: Field::default(),
+            mask: Vec::new(),
+            view,
+        };
+        segmenter.reset();
+        segmenter
+    }
+
+    /// Back to the state before the first frame.
+    pub(crate) fn reset(&mut self) {
+        self.estimator = MotionEstimator::new(&self.config, self.noise, self.seed);
+        self.history.clear();
+        self.model.clear();
+        self.objects.clear(self.view.camera.pixels());
+        self.failures = 0;
+        self.frames = 0;
+        self.mask.clear();
+        self.mask.resize(self.view.camera.pixels(), 0);
+    }
+
+    /// Processes one frame; `time` in seconds.
+    pub(crate) fn step(
+        &mut self,
+        frame: &RgbdFrame,
+        time: f64,
+        timing: &mut StageTimes,
+    ) -> Result<Outcome, VisionError> {
+        timing.measure("prepare", || self.prepare(frame))?;
+        if self.history.is_empty() {
+            timing.measure("model", || self.update_model(time));
+            self.remember(time)?;
+            return Ok(Outcome::First);
+        }
+        let dt = (time - self.last_time).max(MIN_DT);
+        let estimate = match timing.measure("ego_motion", || self.estimate(dt))? {
+            Ok(estimate) => estimate,
+            Err(reason) => return Ok(self.give_up(reason)),
+        };
+        timing.measure("evidence", || self.gather(&estimate, dt, time));
+        timing.measure("diffusion", || self.diffuse());
+        timing.measure("regions", || self.extract(time));
+        timing.measure("model", || self.update_model(time));
+        timing.measure("remember", || self.remember(time))?;
+        Ok(self.flooded().map_or(Outcome::Done, Outcome::Failed))
+    }
+
+    /// Brings the frame into the working view and derives what comparisons need.
+    fn prepare(&mut self, frame: &RgbdFrame) -> Result<(), VisionError> {
+        self.view.resample(frame, &mut self.current);
+        self.estimator.load(&self.current)?;
+        self.appearance.update(&self.current, self.config.shadow_rejection)?;
+        let camera = &self.view.camera;
+        let b = &mut self.buffers;
+        steepest_gradient(camera, self.current.gray.pixels(), &mut b.spare, &mut b.gradient);
+        fill_rows(camera.width, self.current.depth.pixels(), &mut self.buffers.filled);
+        Ok(())
+    }
+
+    /// Camera motion since the previous frame. Known movers have no say, known static surfaces more than others.
+    fn estimate(&mut self, dt: f64) -> Result<Result<MotionEstimate, FailOpenReason>, VisionError> {
+        let (labels, model) = (&self.objects.labels, self.model.points());
+        let trust = |i: usize| if labels[i] == BACKGROUND { 1.0 + model[i].hits.min(MAX_TRUST) } else { 0.0 };
+        self.estimator.estimate(&self.view.camera, (&self.previous, &self.current), trust, dt)
+    }
+
+    /// Evidence from earlier frames, the static model, corners and memory.
+    fn gather(&mut self, estimate: &MotionEstimate, dt: f64, time: f64) {
+        let camera = self.view.camera;
+        self.field.clear(camera.pixels());
+        for reference in &mut self.history {
+            reference.motion = reference.motion.then(&estimate.motion);
+        }
+        self.compare_references(estimate.flow, time);
+        if self.config.static_model {
+            self.compare_model(&estimate.motion);
+        }
+        for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
+            splat(&camera, corner.to, &mut self.field);
+        }
+        self.objects.update_velocities(&estimate.corners, dt);
+        self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
+        if self.config.temporal {
+            for i in 0..camera.pixels() {
+                let weight = MEMORY * self.objects.confidence(i) * (1.0 - self.field.explained[i]);
+                self.field.add(i, 1.0, weight);
+            }
+        }
+    }
+
+    fn scene(&self) -> Scene<'_> {
+        Scene {
+            camera: &self.view.camera,
+            rays: &self.view.rays,
+            noise: &self.noise,
+            frame: &self.current,
+            appearance: &self.appearance,
+            gradient: &self.buffers.gradient,
+            filled: &self.buffers.filled,
+            significance: self.config.significance as f32,
+        }
+    }
+
+    fn compare_references(&mut self, flow: f32, time: f64) {
+        let mut field = std::mem::take(&mut self.field);
+        let scene = self.scene();
+        let sigma = WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow;
+        for reference in self.chosen_references(time) {
+            let warp = reference.motion.warp();
+            scene.compare_reference(&reference.appearance, &warp, (sigma, self.frames % (STRIDE * STRIDE)), &mut field);
+        }
+        self.field = field;
+    }
+
+    /// The previous frame, and the one nearest to the configured age.
+    fn chosen_references(&self, time: f64) -> impl Iterator<Item = &Reference> {
+        let error = |r: &Reference| ((time - r.time) - self.config.older_reference_age).abs();
+        let older = self.history.iter().skip(1).min_by(|a, b| error(a).total_cmp(&error(b)));
+        self.history.front().into_iter().chain(older.filter(|_| self.config.older_reference))
+    }
+
+    fn compare_model(&mut self, motion: &FrameMotion) {
+        let camera = self.view.camera;
+        self.model.advance(&camera, &Motion::from(&motion.T_earlier_current.inverse()));
+        let b = &mut self.buffers;
+        b.model_depth.clear();
+        b.model_depth.extend(self.model.points().iter().map(|p| if p.hits >= MIN_HITS { p.position[2] } else { 0.0 }));
+        b.model_near.resize(camera.pixels(), 0.0);
+        b.model_far.resize(camera.pixels(), 0.0);
+        depth_range(camera.width, &b.model_depth, &mut b.model_near, &mut b.model_far);
+        let mut field = std::mem::take(&mut self.field);
+        self.scene().compare_model(self.model.points(), &self.buffers.model_near, &self.buffers.model_far, &mut field);
+        self.field = field;
+    }
+
+    /// Spreads the evidence within surfaces and forms the belief.
+    fn diffuse(&mut self) {
+        let camera = &self.view.camera;
+        let b = &mut self.buffers;
+        b.conductance.update(camera, &self.noise, &self.current, &EDGES);
+        b.conductance.diffuse(camera.width, &mut self.field.cells, DIFFUSION_PASSES);
+        b.belief.clear();
+        b.belief.extend(self.field.cells.iter().map(|[e, w]| e / (w + PRIOR)));
+    }
+
+    /// Forms regions and continues objects.
+    fn extract(&mut self, time: f64) {
+        let camera = self.view.camera;
+        let b = &mut self.buffers;
+        let threshold = self.config.threshold as f32;
+        let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
+        let levels = (threshold, threshold + HYSTERESIS);
+        let found = components(&camera, &b.belief, levels, min_pixels.max(1), &mut b.visited);
+        self.objects.update(found, &self.field.motion, time);
+        self.release(time);
+        self.draw_mask();
+    }
+
+    /// Lets go of what has rested long enough: it becomes part of the static scene.
+    fn release(&mut self, time: f64) {
+        let rest = self.config.rest_time;
+        let (camera, frame, model) = (&self.view.camera, &self.current, &mut self.model);
+        let rested = self.objects.release(|o| time - o.last_motion > rest);
+        for i in rested.into_iter().flat_map(|o| o.pixels) {
+            adopt(camera, frame, model, i as usize);
+        }
+    }
+
+    fn draw_mask(&mut self) {
+        let camera = self.view.camera;
+        self.mask.fill(0);
+        for object in &self.objects.list {
+            for &i in &object.pixels {
+                self.mask[i as usize] = 255;
+            }
+        }
+        let max_hole = (HOLE_SHARE * camera.pixels() as f64) as usize;
+        fill_holes(&camera, &mut self.mask, max_hole, &mut self.buffers.visited);
+        if self.config.region == RegionShape::Rectangle {
+            for object in &self.objects.list {
+                fill_rectangle(camera.width, &object.pixels, &mut self.mask);
+            }
+        }
+    }
+
+    /// Static pixels confirm or correct the model; dynamic ones only clear what they disprove.
+    fn update_model(&mut self, _time: f64) {
+        let camera = self.view.camera;
+        dilate(camera.width, &self.mask, &mut self.buffers.spare_mask);
+        let scene_significance = self.config.significance as f32 * std::f32::consts::SQRT_2;
+        for i in 0..camera.pixels() {
+            let z = self.current.depth.pixels()[i];
+            if !self.noise.is_usable(f64::from(z)) {
+                continue;
+            }
+            let known = self.model.points()[i];
+            let tolerance = scene_significance * self.noise.sigma(f64::from(z)) as f32 + EDGE_SLACK * z;
+            let dynamic = self.buffers.spare_mask[i] != 0;
+            let gray = f32::from(self.current.gray.pixels()[i]);
+            let position = camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, z);
+            let difference = z - known.position[2];
+            if dynamic {
+                if known.is_known() && difference > tolerance {
+                    self.model.erase(i);
+                }
+            } else if known.is_known() && difference.abs() <= tolerance {
+                self.model.confirm(i, position, gray);
+            } else {
+                self.model.replace(i, position, gray);
+            }
+        }
+    }
+
+    /// Makes the current frame the previous one.
+    fn remember(&mut self, time: f64) -> Result<(), VisionError> {
+        let homography = self.config.compensation == Compensation::Homography;
+        let recycled = if self.history.len() >= HISTORY { self.history.pop_back() } else { None };
+        let spare = recycled.map_or_else(Appearance::default, |r| r.appearance);
+        let appearance = std::mem::replace(&mut self.appearance, spare);
+        self.history.push_front(Reference { time, motion: FrameMotion::none(homography), appearance });
+        self.estimator.advance(&self.current)?;
+        std::mem::swap(&mut self.previous, &mut self.current);
+        self.last_time = time;
+        self.failures = 0;
+        self.frames += 1;
+        Ok(())
+    }
+
+    /// The frame cannot be compared: the next one is compared with the last good one, until too many failed.
+    fn give_up(&mut self, reason: FailOpenReason) -> Outcome {
+        self.failures += 1;
+        if self.failures > MAX_FAILURES {
+            self.reset();
+        }
+        Outcome::Failed(reason)
+    }
+
+    fn flooded(&self) -> Option<FailOpenReason> {
+        let share = self.mask.iter().filter(|&&m| m != 0).count() as f64 / self.mask.len().max(1) as f64;
+        (self.config.fail_open && share > self.config.max_mask_share).then_some(FailOpenReason::MaskTooLarge { share })
+    }
+}
+
+/// Depth difference per metre that a pixel's offset makes on slanted surfaces.
+const EDGE_SLACK: f32 = 0.01;
+
+fn adopt(camera: &super::view::Pinhole, frame: &ViewFrame, model: &mut StaticModel, i: usize) {
+    let z = frame.depth.pixels()[i];
+    if z > 0.0 {
+        let position = camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, z);
+        model.replace(i, position, f32::from(frame.gray.pixels()[i]));
+    }
+}
+
+fn splat(camera: &super::view::Pinhole, centre: usize, field: &mut Field) {
+    let (u, v) = (centre % camera.width, centre / camera.width);
+    for y in v.saturating_sub(CORNER_RADIUS)..(v + CORNER_RADIUS + 1).min(camera.height) {
+        for x in u.saturating_sub(CORNER_RADIUS)..(u + CORNER_RADIUS + 1).min(camera.width) {
+            let i = y * camera.width + x;
+            field.add(i, 1.0, CORNER);
+            field.motion[i] += CORNER;
+        }
+    }
+}
+
+/// Grows a mask by one pixel in every direction.
+fn dilate(width: usize, mask: &[u8], out: &mut Vec<u8>) {
+    out.clear();
+    out.extend_from_slice(mask);
+    for i in 0..mask.len() {
+        if mask[i] == 0 {
+            continue;
+        }
+        let u = i % width;
+        if u > 0 {
+            out[i - 1] = 255;
+        }
+        if u + 1 < width {
+            out[i + 1] = 255;
+        }
+        if i >= width {
+            out[i - width] = 255;
+        }
+        if i + width < mask.len() {
+            out[i + width] = 255;
+        }
+    }
+}
+
+fn fill_rectangle(width: usize, pixels: &[u32], mask: &mut [u8]) {
+    let columns = pixels.iter().map(|&i| i as usize % width);
+    let rows = pixels.iter().map(|&i| i as usize / width);
+    let (Some(left), Some(right)) = (columns.clone().min(), columns.max()) else { return };
+    let (Some(top), Some(bottom)) = (rows.clone().min(), rows.max()) else { return };
+    for v in top..=bottom {
+        mask[v * width + left..=v * width + right].fill(255);
+    }
+}

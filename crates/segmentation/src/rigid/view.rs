@@ -1,0 +1,317 @@
+//! The working view: an ideal pinhole camera at reduced resolution, without lens distortion.
+//!
+//! Warps between frames are then a rotation, a translation and a division, and every image is small enough to visit a few
+//! dozen times per frame.
+
+use nalgebra::{Point2, Point3};
+use pfd_geometry::{Camera, GrayImage, Image, Mask, Pose, RgbdFrame};
+
+/// Columns the working view aims at; 640 columns become 320.
+const TARGET_WIDTH: f64 = 320.0;
+/// Index that stands for "outside the other image".
+const OUTSIDE: u32 = u32::MAX;
+
+/// An ideal pinhole camera in single precision.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pinhole {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) fx: f32,
+    pub(crate) fy: f32,
+    pub(crate) cx: f32,
+    pub(crate) cy: f32,
+}
+
+impl Pinhole {
+    /// The point (metres) seen at pixel `(u, v)` with depth `z`.
+    pub(crate) fn unproject(&self, u: f32, v: f32, z: f32) -> [f32; 3] {
+        [(u - self.cx) / self.fx * z, (v - self.cy) / self.fy * z, z]
+    }
+
+    /// Ray `(x, y, 1)` through pixel `index`.
+    pub(crate) fn ray(&self, index: usize) -> [f32; 2] {
+        let [x, y, _] = self.unproject((index % self.width) as f32, (index / self.width) as f32, 1.0);
+        [x, y]
+    }
+
+    /// Pixel of a point in front of the camera.
+    #[inline]
+    pub(crate) fn project(&self, p: [f32; 3]) -> [f32; 2] {
+        let inverse = 1.0 / p[2];
+        [self.fx * p[0] * inverse + self.cx, self.fy * p[1] * inverse + self.cy]
+    }
+
+    #[inline]
+    /// Index of the pixel nearest to `(u, v)`, if inside.
+    pub(crate) fn nearest(&self, [u, v]: [f32; 2]) -> Option<usize> {
+        let (u, v) = (u + 0.5, v + 0.5);
+        let inside = u >= 0.0 && v >= 0.0 && u < self.width as f32 && v < self.height as f32;
+        inside.then(|| v as usize * self.width + u as usize)
+    }
+
+    /// Number of pixels.
+    pub(crate) fn pixels(&self) -> usize {
+        self.width * self.height
+    }
+}
+
+/// A rigid motion in single precision, as a matrix.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Motion {
+    rotation: [[f32; 3]; 3],
+    translation: [f32; 3],
+}
+
+impl From<&Pose> for Motion {
+    fn from(pose: &Pose) -> Self {
+        let r = pose.rotation.to_rotation_matrix().into_inner();
+        let t = &pose.translation.vector;
+        let row = |i: usize| [r[(i, 0)] as f32, r[(i, 1)] as f32, r[(i, 2)] as f32];
+        Self { rotation: [row(0), row(1), row(2)], translation: [t.x as f32, t.y as f32, t.z as f32] }
+    }
+}
+
+impl Motion {
+    #[inline]
+    /// The point after the motion.
+    pub(crate) fn apply(&self, p: [f32; 3]) -> [f32; 3] {
+        let row = |i: usize| {
+            let r = &self.rotation[i];
+            r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + self.translation[i]
+        };
+        [row(0), row(1), row(2)]
+    }
+}
+
+/// Maps between camera images and the working view.
+#[derive(Debug)]
+pub(crate) struct View {
+    pub(crate) camera: Pinhole,
+    /// Camera pixel under each working pixel (position between pixels).
+    source: Vec<[f32; 2]>,
+    /// Working pixel under each camera pixel.
+    target: Vec<u32>,
+    source_size: (usize, usize),
+    /// Ray `(x, y, 1)` through each working pixel.
+    pub(crate) rays: Vec<[f32; 2]>,
+}
+
+/// One frame in the working view.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ViewFrame {
+    /// Luma.
+    pub(crate) gray: GrayImage,
+    /// Metres; 0 = none.
+    pub(crate) depth: Image<f32>,
+}
+
+impl View {
+    pub(crate) fn new(camera: &Camera) -> Self {
+        let factor = (camera.width as f64 / TARGET_WIDTH).round().max(1.0);
+        let pinhole = enclosing_pinhole(camera, factor);
+        let source = (0..pinhole.pixels()).map(|i| source_pixel(camera, &pinhole, i)).collect();
+        let target = (0..camera.width * camera.height).map(|i| target_pixel(camera, &pinhole, i)).collect();
+        let rays = (0..pinhole.pixels()).map(|i| pinhole.ray(i)).collect();
+        Self { camera: pinhole, source, target, source_size: (camera.width, camera.height), rays }
+    }
+
+    /// Resamples a frame: luma bilinearly, depth by the nearest measurement.
+    pub(crate) fn resample(&self, frame: &RgbdFrame, out: &mut ViewFrame) {
+        let (width, height) = (self.camera.width, self.camera.height);
+        if out.gray.size() != (width, height) {
+            out.gray = Image::filled(width, height, 0);
+            out.depth = Image::filled(width, height, 0.0);
+        }
+        let (gray, depth) = (frame.gray(), frame.depth().image());
+        let targets = out.gray.pixels_mut().iter_mut().zip(out.depth.pixels_mut());
+        for ((g, d), &[x, y]) in targets.zip(&self.source) {
+            let Some(corner) = Corner::at(x, y, self.source_size) else {
+                (*g, *d) = (0, 0.0);
+                continue;
+            };
+            *g = corner.interpolate(gray.pixels());
+            *d = corner.nearest_valid(depth.pixels());
+        }
+    }
+
+    /// Raises a mask in the working view to camera resolution.
+    pub(crate) fn enlarge(&self, small: &[u8], out: &mut Mask) {
+        let (width, height) = self.source_size;
+        let mut image = Image::filled(width, height, Mask::STATIC);
+        for (m, &index) in image.pixels_mut().iter_mut().zip(&self.target) {
+            if index != OUTSIDE {
+                *m = small[index as usize];
+            }
+        }
+        *out = Mask::from_image(image);
+    }
+
+    /// Camera pixel under a position in the working view.
+    pub(crate) fn to_camera(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        let (width, height) = (self.camera.width, self.camera.height);
+        let column = (u.max(0.0) as usize).min(width - 1);
+        let row = (v.max(0.0) as usize).min(height - 1);
+        let [x, y] = self.source[row * width + column];
+        let scale = self.scale();
+        [x + (u - column as f32) * scale, y + (v - row as f32) * scale]
+    }
+
+    /// Camera pixels per working pixel.
+    pub(crate) fn scale(&self) -> f32 {
+        self.source_size.0 as f32 / self.camera.width as f32
+    }
+
+    /// Size of the camera's images.
+    pub(crate) fn source_size(&self) -> (usize, usize) {
+        self.source_size
+    }
+}
+
+/// The four camera pixels around a position.
+struct Corner {
+    index: usize,
+    right: usize,
+    down: usize,
+    fraction: [f32; 2],
+}
+
+impl Corner {
+    fn at(x: f32, y: f32, (width, height): (usize, usize)) -> Option<Self> {
+        let inside = x > -0.5 && y > -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
+        if !inside {
+            return None;
+        }
+        let (u, v) = (x.max(0.0) as usize, y.max(0.0) as usize);
+        Some(Self {
+            index: v * width + u,
+            right: usize::from(u + 1 < width),
+            down: if v + 1 < height { width } else { 0 },
+            fraction: [(x - u as f32).max(0.0), (y - v as f32).max(0.0)],
+        })
+    }
+
+    fn indices(&self) -> [usize; 4] {
+        let i = self.index;
+        [i, i + self.right, i + self.down, i + self.right + self.down]
+    }
+
+    fn interpolate(&self, gray: &[u8]) -> u8 {
+        let [a, b, c, d] = self.indices().map(|i| f32::from(gray[i]));
+        let [x, y] = self.fraction;
+        let (top, bottom) = (a + (b - a) * x, c + (d - c) * x);
+        (top + (bottom - top) * y + 0.5) as u8
+    }
+
+    /// Depth is not interpolated: a mean across an edge is a surface that does not exist.
+    fn nearest_valid(&self, depth: &[f32]) -> f32 {
+        let [a, b, c, d] = self.indices().map(|i| depth[i]);
+        let [x, y] = self.fraction;
+        let first = match (x > 0.5, y > 0.5) {
+            (false, false) => a,
+            (true, false) => b,
+            (false, true) => c,
+            (true, true) => d,
+        };
+        [first, a, b, c, d].into_iter().find(|&z| z > 0.0).unwrap_or(0.0)
+    }
+}
+
+/// The pinhole camera at `1 / factor` of the resolution whose image holds the whole camera image.
+fn enclosing_pinhole(camera: &Camera, factor: f64) -> Pinhole {
+    let (width, height) = (
+        (camera.width as f64 / factor).ceil().max(1.0) as usize,
+        (camera.height as f64 / factor).ceil().max(1.0) as usize,
+    );
+    // Pixel centres: camera pixel `factor * u + (factor - 1) / 2` lies under working pixel `u`.
+    let shift = (factor - 1.0) / 2.0;
+    let ideal = Pinhole {
+        width,
+        height,
+        fx: (camera.fx / factor) as f32,
+        fy: (camera.fy / factor) as f32,
+        cx: ((camera.cx - shift) / factor) as f32,
+        cy: ((camera.cy - shift) / factor) as f32,
+    };
+    if camera.distortion.is_zero() {
+        return ideal;
+    }
+    let bounds = ray_bounds(camera);
+    let (fx, cx) = fit_axis(bounds[0], width);
+    let (fy, cy) = fit_axis(bounds[1], height);
+    Pinhole { width, height, fx, fy, cx, cy }
+}
+
+/// Focal length and principal point that spread rays from `low` to `high` over `size` pixels.
+fn fit_axis([low, high]: [f64; 2], size: usize) -> (f32, f32) {
+    let focal = (size as f64 - 1.0).max(1.0) / (high - low).max(f64::EPSILON);
+    (focal as f32, (-low * focal) as f32)
+}
+
+/// Smallest and largest ray slope in x and y along the image border.
+fn ray_bounds(camera: &Camera) -> [[f64; 2]; 2] {
+    let (right, bottom) = (camera.width as f64 - 1.0, camera.height as f64 - 1.0);
+    let columns = (0..camera.width).flat_map(|u| [(u as f64, 0.0), (u as f64, bottom)]);
+    let rows = (0..camera.height).flat_map(|v| [(0.0, v as f64), (right, v as f64)]);
+    let mut bounds = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+    for (u, v) in columns.chain(rows) {
+        let ray = camera.ray(&Point2::new(u, v));
+        for (bound, value) in bounds.iter_mut().zip([ray.x, ray.y]) {
+            *bound = [bound[0].min(value), bound[1].max(value)];
+        }
+    }
+    bounds
+}
+
+fn source_pixel(camera: &Camera, pinhole: &Pinhole, index: usize) -> [f32; 2] {
+    let (u, v) = ((index % pinhole.width) as f32, (index / pinhole.width) as f32);
+    let [x, y, z] = pinhole.unproject(u, v, 1.0).map(f64::from);
+    camera.project(&Point3::new(x, y, z)).map_or([-1.0; 2], |p| [p.x as f32, p.y as f32])
+}
+
+fn target_pixel(camera: &Camera, pinhole: &Pinhole, index: usize) -> u32 {
+    let (u, v) = ((index % camera.width) as f64, (index / camera.width) as f64);
+    let ray = camera.ray(&Point2::new(u, v));
+    let pixel = pinhole.project([ray.x as f32, ray.y as f32, 1.0]);
+    pinhole.nearest(pixel).map_or(OUTSIDE, |i| i as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::{DepthImage, Distortion, Stamp};
+
+    fn camera(distortion: [f64; 5]) -> Camera {
+        Camera::new((640, 480), [517.3, 516.5, 318.6, 255.3], Distortion(distortion)).unwrap()
+    }
+
+    #[test]
+    fn every_camera_pixel_has_a_working_pixel_that_leads_back() {
+        for distortion in [[0.0; 5], [0.2624, -0.9531, -0.0054, 0.0026, 1.1633]] {
+            let view = View::new(&camera(distortion));
+            for (i, &t) in view.target.iter().enumerate() {
+                assert_ne!(t, OUTSIDE, "pixel {i}");
+                let [x, y] = view.source[t as usize];
+                let (u, v) = ((i % 640) as f32, (i / 640) as f32);
+                assert!((x - u).abs() < 2.5 && (y - v).abs() < 2.5, "{u} {v} → {x} {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn resampling_halves_and_keeps_depth_edges() {
+        let rgb = Image::filled(640, 480, [100_u8; 3]);
+        let mut depth = Image::filled(640, 480, 1.0_f32);
+        for v in 0..480 {
+            for u in 320..640 {
+                depth[(u, v)] = 3.0;
+            }
+        }
+        let frame = RgbdFrame::new(Stamp::default(), rgb, DepthImage::from_metres(depth)).unwrap();
+        let view = View::new(&camera([0.0; 5]));
+        let mut small = ViewFrame::default();
+        view.resample(&frame, &mut small);
+        assert_eq!(small.gray.size(), (320, 240));
+        assert!(small.gray.pixels().iter().all(|&g| g == 100));
+        assert!(small.depth.pixels().iter().all(|&d| d == 1.0 || d == 3.0));
+    }
+}
