@@ -1,7 +1,7 @@
 //! Quality of motion masks.
 
 use pfd_geometry::{GrayImage, Mask};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::EvaluationError;
 
@@ -85,7 +85,7 @@ impl std::ops::Add for MaskScore {
 }
 
 /// Quality over a sequence. Shares, 0 to 1.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MaskSummary {
     /// Frames compared.
     pub frames: usize,
@@ -104,7 +104,7 @@ pub struct MaskSummary {
 }
 
 /// Shares over the pixels of all frames together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PixelShares {
     /// See [`MaskScore::precision`].
     pub precision: Option<f64>,
@@ -115,7 +115,7 @@ pub struct PixelShares {
 }
 
 /// Share of the static pixels of a frame that are masked.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StaticMasked {
     /// Mean over all frames.
     pub mean: Option<f64>,

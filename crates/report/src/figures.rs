@@ -36,9 +36,11 @@ type Curve = Vec<(Stamp, [f64; 3])>;
 
 fn view(name: &str, axes: [usize; 2], curves: &[(&str, Curve)]) -> Result<String, ReportError> {
     const AXES: [&str; 3] = ["x (m)", "y (m)", "z (m)"];
-    let series = curves.iter().map(|(name, curve)| Series {
+    let has_truth = curves.first().is_some_and(|(name, _)| *name == "ground truth");
+    let colours = has_truth.then_some(BLACK_LINE).into_iter().chain(COLOURS.into_iter().cycle());
+    let series = curves.iter().zip(colours).map(|((name, curve), colour)| Series {
         name: (*name).to_owned(),
-        colour: if *name == "ground truth" { BLACK_LINE } else { COLOURS[1] },
+        colour,
         points: interrupted(curve.iter().map(|&(stamp, p)| (stamp, (p[axes[0]], p[axes[1]])))),
     });
     plot::lines(&LinePlot {
@@ -49,6 +51,52 @@ fn view(name: &str, axes: [usize; 2], curves: &[(&str, Curve)]) -> Result<String
         equal_axes: true,
         from_zero: false,
     })
+}
+
+/// Runs of one sequence beside each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Compared<'a> {
+    /// Name of the variant.
+    pub name: &'a str,
+    /// Its errors.
+    pub ate: &'a Ate,
+    /// Its frames.
+    pub frames: &'a [FrameRow],
+}
+
+/// Trajectories, errors over time, and histograms of errors and times of several runs of one sequence.
+///
+/// # Errors
+/// When a plot cannot be drawn.
+pub fn comparison(runs: &[Compared<'_>]) -> Result<Vec<String>, ReportError> {
+    let Some(first) = runs.first() else { return Ok(Vec::new()) };
+    let truth: Curve = first.ate.pairs.iter().map(|p| (p.stamp, p.ground_truth.coords.into())).collect();
+    let mut curves = vec![("ground truth", truth)];
+    curves.extend(
+        runs.iter().map(|run| {
+            (run.name, run.ate.pairs.iter().map(|p| (p.stamp, p.estimate.coords.into())).collect::<Curve>())
+        }),
+    );
+    let start = first.ate.pairs.first().map_or(Stamp::default(), |p| p.stamp);
+    let error = |run: &Compared<'_>| {
+        let points = run.ate.pairs.iter().map(|p| (p.stamp, (p.stamp.seconds_since(start), 100.0 * p.error())));
+        interrupted(points)
+    };
+    let over_time = runs.iter().map(|run| (run.name, error(run))).collect();
+    let values = |points: Vec<(f64, f64)>| points.into_iter().map(|(_, value)| (value, 0.0)).collect();
+    let errors = coloured(runs.iter().map(|run| (run.name, values(error(run)))));
+    let times = coloured(runs.iter().map(|run| (run.name, run.frames.iter().map(|f| (f.total_ms, 0.0)).collect())));
+    Ok(vec![
+        view("from above", [0, 1], &curves)?,
+        time_plot("Absolute error (ATE)", "cm", over_time)?,
+        plot::histogram("Absolute error (ATE)", "cm", &errors, TIMING_BINS)?,
+        plot::histogram("Time per frame", "ms", &times, TIMING_BINS)?,
+    ])
+}
+
+fn coloured<'a>(curves: impl Iterator<Item = (&'a str, Vec<(f64, f64)>)>) -> Vec<Series> {
+    let series = |((name, points), colour): ((&str, _), _)| Series { name: name.to_owned(), colour, points };
+    curves.zip(COLOURS.into_iter().cycle()).map(series).collect()
 }
 
 /// Absolute and relative error over time.
@@ -105,16 +153,11 @@ pub fn support(frames: &[FrameRow]) -> Result<Vec<String>, ReportError> {
 }
 
 fn time_plot(title: &str, unit: &str, curves: Vec<(&str, Vec<(f64, f64)>)>) -> Result<String, ReportError> {
-    let series = curves.into_iter().zip(COLOURS).map(|((name, points), colour)| Series {
-        name: name.to_owned(),
-        colour,
-        points,
-    });
     plot::lines(&LinePlot {
         title: title.to_owned(),
         x_label: "time (s)".to_owned(),
         y_label: unit.to_owned(),
-        series: series.collect(),
+        series: coloured(curves.into_iter()),
         equal_axes: false,
         from_zero: true,
     })

@@ -1,13 +1,17 @@
 //! Reports: what `report.json`, `frames.csv` and the self-contained HTML pages hold and look like.
 
+pub mod bench;
+pub mod bench_page;
 pub mod error;
 pub mod figures;
 pub mod frames;
 pub mod html;
 pub mod page;
 pub mod plot;
+pub mod published;
 pub mod sample;
 pub mod summary;
+pub mod table;
 
 pub use error::ReportError;
 pub use frames::FrameRow;
