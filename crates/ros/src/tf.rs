@@ -43,6 +43,19 @@ impl StaticTransforms {
         None
     }
 
+    /// The frame at the top of the tree above `source`, with `T_root_source`; `None` when there is none above.
+    pub fn root(&self, source: &str) -> Option<(String, Pose)> {
+        let mut frame = normal(source);
+        let mut pose = Pose::identity();
+        // A loop, which no tree has, ends after as many steps as there are frames.
+        for _ in 0..self.parents.len() {
+            let Some((parent, step)) = self.parents.get(&frame) else { break };
+            pose = step * pose;
+            frame.clone_from(parent);
+        }
+        (frame != normal(source)).then_some((frame, pose))
+    }
+
     /// Frames one step away, with `T_frame_next`.
     fn neighbours(&self, frame: &str) -> Vec<(String, Pose)> {
         let up = self.parents.get(frame).map(|(parent, pose)| (parent.clone(), pose.inverse()));
@@ -86,6 +99,9 @@ mod tests {
         assert!((pose * back).translation.vector.norm() < 1e-12);
         assert_eq!(tree.lookup("base_link", "elsewhere"), None);
         assert_eq!(tree.lookup("a", "a"), Some(Pose::identity()));
+        let (root, pose) = tree.root("optical").unwrap();
+        assert_eq!((root.as_str(), tree.root("base_link")), ("base_link", None));
+        assert!((pose.translation.vector.x - 1.5).abs() < 1e-12);
     }
 
     #[test]
@@ -97,6 +113,7 @@ mod tests {
         tree.insert("a", "c", shift(f64::NAN));
         assert_eq!(tree.lookup("a", "c"), None);
         assert!(tree.lookup("a", "b").is_some());
+        assert_eq!(tree.root("b"), None, "after a full turn");
     }
 
     #[test]

@@ -1,0 +1,276 @@
+//! The camera as the nodes see it: colour and depth paired by stamp, with the camera's calibration.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use pfd_geometry::{Camera, DepthImage, FrameError, RgbImage, RgbdFrame, Stamp};
+use pfd_parameters::{NodeConfig, Queue};
+use pfd_ros::convert::{
+    ConvertError, camera_from_info, depth_from_compressed, depth_from_image, rgb_from_compressed, rgb_from_image,
+};
+use pfd_ros::messages::diagnostic::DiagnosticStatus;
+use pfd_ros::messages::sensor::{CameraInfo, CompressedImage, Image};
+use pfd_ros::messages::standard::Header;
+use pfd_ros::{Graph, Node, Qos, RosError, Slot, SyncCounters, Synchronizer, Throttle, TopicStatistics};
+
+use crate::camera_health;
+
+/// Pairs that wait for the first camera_info when nothing is to be dropped.
+const MAX_PENDING: usize = 64;
+
+/// A colour image as received.
+#[derive(Clone, Debug)]
+pub enum ColourMessage {
+    /// `sensor_msgs/Image`
+    Raw(Image),
+    /// `sensor_msgs/CompressedImage`
+    Compressed(CompressedImage),
+}
+
+/// A depth image as received.
+#[derive(Clone, Debug)]
+pub enum DepthMessage {
+    /// `sensor_msgs/Image`
+    Raw(Image),
+    /// `sensor_msgs/CompressedImage`
+    Compressed(CompressedImage),
+}
+
+impl ColourMessage {
+    fn header(&self) -> &Header {
+        match self {
+            Self::Raw(image) => &image.header,
+            Self::Compressed(image) => &image.header,
+        }
+    }
+
+    fn decode(&self) -> Result<RgbImage, ConvertError> {
+        match self {
+            Self::Raw(image) => rgb_from_image(image),
+            Self::Compressed(image) => rgb_from_compressed(image),
+        }
+    }
+}
+
+impl DepthMessage {
+    fn header(&self) -> &Header {
+        match self {
+            Self::Raw(image) => &image.header,
+            Self::Compressed(image) => &image.header,
+        }
+    }
+
+    fn decode(&self) -> Result<DepthImage, ConvertError> {
+        match self {
+            Self::Raw(image) => depth_from_image(image),
+            Self::Compressed(image) => depth_from_compressed(image),
+        }
+    }
+}
+
+/// A pair of messages on its way to the worker.
+#[derive(Clone, Debug)]
+pub struct RawFrame {
+    colour: ColourMessage,
+    depth: DepthMessage,
+    /// When the second of the two arrived.
+    pub received: Instant,
+    /// The camera that took it.
+    pub camera: Camera,
+}
+
+/// A pair of messages that is no frame.
+#[derive(Debug, thiserror::Error)]
+pub enum DecodeError {
+    /// The colour message cannot be used.
+    #[error("colour image: {0}")]
+    Colour(ConvertError),
+    /// The depth message cannot be used.
+    #[error("depth image: {0}")]
+    Depth(ConvertError),
+    /// The images do not belong together, or not to the camera.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+}
+
+impl RawFrame {
+    /// Stamp of the colour image.
+    pub fn stamp(&self) -> Stamp {
+        self.colour.header().stamp.into()
+    }
+
+    /// Frame of the colour image.
+    pub fn frame_id(&self) -> &str {
+        &self.colour.header().frame_id
+    }
+
+    /// The images, checked against each other and the camera.
+    ///
+    /// # Errors
+    /// [`DecodeError`] that says which image is at fault.
+    pub fn decode(&self) -> Result<RgbdFrame, DecodeError> {
+        let rgb = self.colour.decode().map_err(DecodeError::Colour)?;
+        let depth = self.depth.decode().map_err(DecodeError::Depth)?;
+        let frame = RgbdFrame::new(self.stamp(), rgb, depth)?;
+        frame.check_camera(&self.camera)?;
+        Ok(frame)
+    }
+}
+
+/// Receives and pairs the camera's messages.
+pub struct CameraInput {
+    state: Mutex<State>,
+    /// Frames for the worker.
+    pub slot: Slot<RawFrame>,
+    config: NodeConfig,
+    /// Calibration from the parameters; camera_info is not needed then.
+    fixed_camera: Option<Camera>,
+}
+
+struct State {
+    synchronizer: Synchronizer<ColourMessage, DepthMessage>,
+    camera: Option<Camera>,
+    pending: VecDeque<(ColourMessage, DepthMessage, Instant)>,
+    pending_dropped: u64,
+    statistics: Vec<TopicStatistics>,
+    graph: Option<Graph>,
+    complaints: Throttle,
+}
+
+impl CameraInput {
+    /// An input that is not connected yet.
+    pub fn new(config: &NodeConfig, fixed_camera: Option<Camera>) -> Arc<Self> {
+        let state = State {
+            synchronizer: Synchronizer::new(config.sync_tolerance),
+            camera: fixed_camera,
+            pending: VecDeque::new(),
+            pending_dropped: 0,
+            statistics: Vec::new(),
+            graph: None,
+            complaints: Throttle::default(),
+        };
+        let slot = Slot::new(config.queue);
+        Arc::new(Self { state: Mutex::new(state), slot, config: config.clone(), fixed_camera })
+    }
+
+    /// Subscribes colour, depth and camera_info.
+    ///
+    /// # Errors
+    /// [`RosError`] when the middleware refuses.
+    pub fn attach(self: &Arc<Self>, node: &mut Node) -> Result<(), RosError> {
+        let qos = Qos::images(self.config.qos);
+        let colour = if self.config.compressed_rgb {
+            let input = self.clone();
+            node.subscribe("rgb/image/compressed", qos, move |m| input.add_colour(ColourMessage::Compressed(m)))?
+        } else {
+            let input = self.clone();
+            node.subscribe("rgb/image", qos, move |m| input.add_colour(ColourMessage::Raw(m)))?
+        };
+        let depth = if self.config.compressed_depth {
+            let input = self.clone();
+            node.subscribe("depth/image/compressedDepth", qos, move |m| input.add_depth(DepthMessage::Compressed(m)))?
+        } else {
+            let input = self.clone();
+            node.subscribe("depth/image", qos, move |m| input.add_depth(DepthMessage::Raw(m)))?
+        };
+        let input = self.clone();
+        let info = node.subscribe("rgb/camera_info", qos, move |m| input.set_camera(&m))?;
+        let mut state = self.lock();
+        state.statistics = vec![colour, depth, info];
+        state.graph = Some(node.graph().clone());
+        Ok(())
+    }
+
+    /// The camera, once it is known.
+    pub fn camera(&self) -> Option<Camera> {
+        self.lock().camera
+    }
+
+    /// What was paired and what was not.
+    pub fn counters(&self) -> SyncCounters {
+        self.lock().synchronizer.counters()
+    }
+
+    /// Frames that were replaced by newer ones before they were worked on.
+    pub fn dropped(&self) -> u64 {
+        self.slot.dropped() + self.lock().pending_dropped
+    }
+
+    fn add_colour(&self, message: ColourMessage) {
+        let mut state = self.lock();
+        let pairs = state.synchronizer.add_first(message.header().stamp.into(), message);
+        self.hand_over(&mut state, pairs);
+    }
+
+    fn add_depth(&self, message: DepthMessage) {
+        let mut state = self.lock();
+        let pairs = state.synchronizer.add_second(message.header().stamp.into(), message);
+        self.hand_over(&mut state, pairs);
+    }
+
+    fn set_camera(&self, info: &CameraInfo) {
+        if self.fixed_camera.is_some() {
+            return;
+        }
+        let mut state = self.lock();
+        match camera_from_info(info) {
+            Ok(camera) => {
+                state.camera = Some(camera);
+                self.hand_over(&mut state, Vec::new());
+            }
+            Err(error) => {
+                if let Some(more) = state.complaints.pass() {
+                    tracing::error!("{error}; set parameter `camera` to go without ({more} more like it)");
+                }
+            }
+        }
+    }
+
+    /// Hands pairs to the worker, or keeps them until the camera is known.
+    fn hand_over(&self, state: &mut State, pairs: Vec<(ColourMessage, DepthMessage)>) {
+        let now = Instant::now();
+        state.pending.extend(pairs.into_iter().map(|(colour, depth)| (colour, depth, now)));
+        let Some(camera) = state.camera else {
+            let capacity = if self.config.queue == Queue::All { MAX_PENDING } else { 1 };
+            while state.pending.len() > capacity {
+                state.pending.pop_front();
+                state.pending_dropped += 1;
+            }
+            return;
+        };
+        for (colour, depth, received) in state.pending.drain(..) {
+            self.slot.put(RawFrame { colour, depth, received, camera });
+        }
+    }
+
+    /// State of the camera's topics: what comes, what does not, and why.
+    pub fn diagnostics(&self, node: &str) -> Vec<DiagnosticStatus> {
+        let state = self.lock();
+        let publishers = |topic: &str| state.graph.as_ref().map_or(0, |graph| graph.publishers(topic));
+        let topics: Vec<_> = state
+            .statistics
+            .iter()
+            .map(|s| {
+                let report = s.report();
+                let publishers = publishers(&report.topic);
+                camera_health::TopicHealth { report, publishers }
+            })
+            .collect();
+        let health = camera_health::CameraHealth {
+            topics,
+            camera_known: state.camera.is_some(),
+            counters: state.synchronizer.counters(),
+            offset: state.synchronizer.last_offset(),
+            tolerance: self.config.sync_tolerance,
+            dropped: self.slot.dropped() + state.pending_dropped,
+        };
+        drop(state);
+        vec![health.status(node)]
+    }
+
+    /// Callbacks only store and count: nothing is left half done by a panic elsewhere.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

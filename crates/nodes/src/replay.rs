@@ -1,0 +1,317 @@
+//! `bag_replay_node`: a recorded sequence as if it were a camera.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use crossbeam_channel::{Receiver, Sender, bounded};
+use pfd_dataset::{Options, Sequence};
+use pfd_geometry::{Camera, Stamp};
+use pfd_parameters::ReplayConfig;
+use pfd_ros::messages::pfd::TrackingState;
+use pfd_ros::messages::sensor::Image;
+use pfd_ros::{Arguments, Names, Node, Qos, Setup};
+use tokio::sync::Notify;
+
+use crate::outlet::Outlet;
+use crate::replay_output::{ReplayOutput, Shot};
+use crate::settings::{Settings, replay_server};
+
+/// Frames read ahead, so that decoding images does not hold up their time.
+const READ_AHEAD: usize = 8;
+/// How long the network must stay as it is before the first frame: the nodes find each other a little after we find them.
+const SETTLE: Duration = Duration::from_secs(1);
+/// Time between two looks at the network while waiting.
+const LOOK: Duration = Duration::from_millis(50);
+/// How often a frame is sent that nobody says to have worked on.
+const MAX_ATTEMPTS: u32 = 3;
+
+/// Stamps of frames that were worked on.
+type Done = (Stamp, Source);
+
+/// Who says so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Source {
+    Tracking,
+    Segmentation,
+}
+
+/// Runs the node until the sequence ends or it is told to stop.
+///
+/// # Errors
+/// When the sequence, parameters or network are at fault, or nobody subscribes in time.
+pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
+    let settings = Settings::read(args, &names)?;
+    let config = settings.replay.clone();
+    let (sequence, camera) = open(&settings)?;
+    let setup = Setup::new(args, names, &config.network, false)?;
+    let (output, finished) = (Arc::new(Outlet::default()), Arc::new(Notify::new()));
+    let (acknowledge, acknowledged) = bounded::<Done>(1024);
+    let (stop, stopped) = bounded::<()>(0);
+    let player = Player { config: config.clone(), camera, output: output.clone(), acknowledged, stopped };
+    let thread = {
+        let finished = finished.clone();
+        let play = move || {
+            let result = player.play(&Arc::new(sequence));
+            finished.notify_one();
+            result
+        };
+        std::thread::Builder::new().name("replay".into()).spawn(play)?
+    };
+    let parameters = replay_server(&config);
+    let result = pfd_ros::run(&setup, &finished, |node: &mut Node| {
+        parameters.attach(node)?;
+        attach_acknowledgements(node, &acknowledge)?;
+        output.set(ReplayOutput::new(node, &config)?);
+        Ok::<(), pfd_ros::RosError>(())
+    });
+    drop(stop);
+    let played = thread.join().map_err(|_| anyhow::anyhow!("the replay crashed"))?;
+    output.clear();
+    result?;
+    played
+}
+
+fn open(settings: &Settings) -> anyhow::Result<(Sequence, Camera)> {
+    let config = &settings.replay;
+    if config.sequence.is_empty() {
+        bail!("parameter `sequence` is needed: a folder in TUM layout or its .tgz (-p sequence:=PATH)");
+    }
+    let options = Options { depth_offset: config.depth_offset, ..Options::default() };
+    let sequence = Sequence::open_with(config.sequence.as_ref(), &options)?;
+    let camera = settings.camera()?.or(sequence.camera()).with_context(|| {
+        format!("{}: the camera is not known: set parameter `camera` or add calib.yaml", config.sequence)
+    })?;
+    Ok((sequence, camera))
+}
+
+/// Listens for who has worked on what.
+fn attach_acknowledgements(node: &mut Node, done: &Sender<Done>) -> Result<(), pfd_ros::RosError> {
+    /// More than are ever on their way.
+    const DEPTH: i32 = 10;
+    // A full channel means that nobody waits for acknowledgements.
+    let tracked = done.clone();
+    node.subscribe::<TrackingState>("tracking_state", Qos::reliable(DEPTH), move |m| {
+        let _ = tracked.try_send((m.header.stamp.into(), Source::Tracking));
+    })?;
+    let segmented = done.clone();
+    node.subscribe::<Image>("dynamic_mask", Qos::masks(), move |m| {
+        let _ = segmented.try_send((m.header.stamp.into(), Source::Segmentation));
+    })?;
+    Ok(())
+}
+
+struct Player {
+    config: ReplayConfig,
+    camera: Camera,
+    output: Arc<Outlet<ReplayOutput>>,
+    acknowledged: Receiver<Done>,
+    stopped: Receiver<()>,
+}
+
+/// Told to stop; no error.
+struct Stopped;
+
+impl Player {
+    fn play(&self, sequence: &Arc<Sequence>) -> anyhow::Result<()> {
+        let Ok(()) = self.wait_for_subscribers()? else { return Ok(()) };
+        let range = self.range(sequence);
+        tracing::info!("{}: {} frames", sequence.name(), range.len());
+        if let Some(output) = self.output.get() {
+            output.publish_fixed(sequence.ground_truth());
+        }
+        let mut counts = Counts::default();
+        loop {
+            let Ok(()) = self.play_once(sequence, range.clone(), &mut counts)? else { break };
+            if !self.config.repeat {
+                break;
+            }
+            tracing::info!("again from the start");
+        }
+        let Counts { sent, resent, broken } = counts;
+        tracing::info!("{sent} frames sent, {resent} sent again, {broken} unreadable");
+        Ok(())
+    }
+
+    /// Indices of the frames to play.
+    fn range(&self, sequence: &Sequence) -> std::ops::Range<usize> {
+        let Some(first) = sequence.pairs().first().map(|p| p.rgb_stamp) else { return 0..0 };
+        let start = first.offset_by(self.config.start);
+        let end = start.offset_by(if self.config.duration > 0.0 { self.config.duration } else { f64::from(u32::MAX) });
+        let pairs = sequence.pairs();
+        pairs.partition_point(|p| p.rgb_stamp < start)..pairs.partition_point(|p| p.rgb_stamp < end)
+    }
+
+    fn play_once(
+        &self,
+        sequence: &Arc<Sequence>,
+        range: std::ops::Range<usize>,
+        counts: &mut Counts,
+    ) -> anyhow::Result<Result<(), Stopped>> {
+        let shots = self.read_ahead(sequence.clone(), range)?;
+        let mut pace = Pace::default();
+        for shot in shots {
+            let shot = match shot {
+                Ok(shot) => shot,
+                Err(error) => {
+                    tracing::warn!("skipped: {error:#}");
+                    counts.broken += 1;
+                    continue;
+                }
+            };
+            let sent = if self.config.rate > 0.0 {
+                self.wait_until(pace.due(shot.stamp, self.config.rate)).map(|()| self.send(&shot))
+            } else {
+                self.send_and_wait(&shot, counts)?
+            };
+            if sent.is_err() {
+                return Ok(Err(Stopped));
+            }
+            counts.sent += 1;
+        }
+        Ok(Ok(()))
+    }
+
+    /// Reads and encodes frames on a thread of its own.
+    fn read_ahead(
+        &self,
+        sequence: Arc<Sequence>,
+        range: std::ops::Range<usize>,
+    ) -> anyhow::Result<Receiver<anyhow::Result<Shot>>> {
+        let (send, receive) = bounded(READ_AHEAD);
+        let (config, camera) = (self.config.clone(), self.camera);
+        let read = move || {
+            for i in range {
+                let shot = Shot::read(&sequence, i, &camera, &config);
+                // Nobody receives any more: stopped.
+                if send.send(shot).is_err() {
+                    return;
+                }
+            }
+        };
+        std::thread::Builder::new().name("read-ahead".into()).spawn(read)?;
+        Ok(receive)
+    }
+
+    fn send(&self, shot: &Shot) {
+        if let Some(output) = self.output.get() {
+            output.publish(shot);
+        }
+    }
+
+    fn wait_until(&self, due: Instant) -> Result<(), Stopped> {
+        match self.stopped.recv_deadline(due) {
+            Err(crossbeam_channel::RecvTimeoutError::Timeout) => Ok(()),
+            _ => Err(Stopped),
+        }
+    }
+
+    /// Sends a frame and waits until it was worked on; sends it again when nobody says so.
+    fn send_and_wait(&self, shot: &Shot, counts: &mut Counts) -> anyhow::Result<Result<(), Stopped>> {
+        for attempt in 0..MAX_ATTEMPTS {
+            counts.resent += u64::from(attempt > 0);
+            self.acknowledged.try_iter().for_each(drop);
+            self.send(shot);
+            match self.wait_for_acknowledgement(shot.stamp) {
+                Ok(true) => return Ok(Ok(())),
+                Ok(false) => tracing::warn!("frame {}: nobody says to have worked on it: sending it again", shot.stamp),
+                Err(stopped) => return Ok(Err(stopped)),
+            }
+        }
+        bail!(
+            "frame {} was sent {MAX_ATTEMPTS} times and nobody says to have worked on it (`tracking_state` or `dynamic_mask` with \
+             its stamp): have the nodes stopped, or are they in another namespace?",
+            shot.stamp
+        )
+    }
+
+    fn wait_for_acknowledgement(&self, stamp: Stamp) -> Result<bool, Stopped> {
+        let source = self.source();
+        let timeout = crossbeam_channel::after(Duration::from_secs_f64(self.config.acknowledge_timeout));
+        loop {
+            crossbeam_channel::select! {
+                recv(self.acknowledged) -> done => {
+                    if done.is_ok_and(|(done, from)| from == source && done == stamp) {
+                        return Ok(true);
+                    }
+                }
+                recv(timeout) -> _ => return Ok(false),
+                recv(self.stopped) -> _ => return Err(Stopped),
+            }
+        }
+    }
+
+    /// Whose word counts: tracking's, which comes last, where there is a tracker.
+    fn source(&self) -> Source {
+        let is_tracked = || self.output.get().is_some_and(|o| o.graph.publishers(&o.state_topic) > 0);
+        match self.config.acknowledge_topic.as_str() {
+            "dynamic_mask" => Source::Segmentation,
+            "tracking_state" => Source::Tracking,
+            _ if is_tracked() => Source::Tracking,
+            _ => Source::Segmentation,
+        }
+    }
+
+    /// Waits until enough nodes have subscribed and the network has settled.
+    fn wait_for_subscribers(&self) -> anyhow::Result<Result<(), Stopped>> {
+        let lossless = self.config.rate <= 0.0;
+        let wanted = (self.config.wait_for_subscribers as usize).max(usize::from(lossless));
+        let started = Instant::now();
+        let mut settled: Option<(Instant, [usize; 4])> = None;
+        while wanted > 0 {
+            let counts = self.output.get().map_or([0; 4], |output| output.connections());
+            let enough = counts[..3].iter().all(|&n| n >= wanted);
+            settled =
+                settled.filter(|(_, last)| enough && *last == counts).or(enough.then(|| (Instant::now(), counts)));
+            if settled.is_some_and(|(since, _)| since.elapsed() >= SETTLE) {
+                break;
+            }
+            if started.elapsed().as_secs_f64() > self.config.wait_timeout {
+                let [rgb, depth, info, _] = counts;
+                bail!(
+                    "waited {} s for {wanted} subscribers (wait_for_subscribers); there are {rgb} on rgb, {depth} on depth, \
+                     {info} on camera_info: check names, ROS_DOMAIN_ID and that the nodes run",
+                    self.config.wait_timeout
+                );
+            }
+            if self.wait_until(Instant::now() + LOOK).is_err() {
+                return Ok(Err(Stopped));
+            }
+        }
+        Ok(Ok(()))
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Counts {
+    sent: u64,
+    resent: u64,
+    broken: u64,
+}
+
+/// When frames are due.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    origin: Option<(Instant, Stamp)>,
+}
+
+impl Pace {
+    /// When the frame with `stamp` is due, with the first one due at once.
+    fn due(&mut self, stamp: Stamp, rate: f64) -> Instant {
+        let (start, first) = *self.origin.get_or_insert_with(|| (Instant::now(), stamp));
+        start + Duration::from_secs_f64((stamp.seconds_since(first) / rate).max(0.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_are_due_at_their_rate() {
+        let mut pace = Pace::default();
+        let first = pace.due(Stamp::from_nanos(0), 2.0);
+        let second = pace.due(Stamp::from_nanos(1_000_000_000), 2.0);
+        assert_eq!(second - first, Duration::from_millis(500));
+    }
+}

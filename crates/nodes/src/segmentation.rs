@@ -1,0 +1,184 @@
+//! `segmentation_node`: camera in, mask of what moves out.
+
+use std::sync::Arc;
+
+use pfd_geometry::{Camera, Stamp};
+use pfd_parameters::NodeConfig;
+use pfd_ros::convert::regions::{matrix_to_rows, vector_to_array};
+use pfd_ros::convert::{mask_to_image, rgb_to_image};
+use pfd_ros::diagnostics::Level;
+use pfd_ros::messages::pfd::{DynamicRegion, DynamicRegions};
+use pfd_ros::messages::sensor::{Image, RegionOfInterest};
+use pfd_ros::messages::standard::Header;
+use pfd_ros::{Arguments, Names, Node, Publisher, Qos, RosError, Setup};
+use pfd_segmentation::{Segmentation, Segmenter, Status};
+use tokio::sync::Notify;
+
+use crate::camera_input::CameraInput;
+use crate::node_diagnostics;
+use crate::outlet::Outlet;
+use crate::overlay;
+use crate::recorder::{FrameRecord, Recorder};
+use crate::settings::{LiveSettings, Settings};
+use crate::worker::{Frame, Health, Processor, Worker};
+
+/// Publishers of what the segmentation found.
+pub struct MaskOutput {
+    mask: Publisher<Image>,
+    regions: Publisher<DynamicRegions>,
+    overlay: Publisher<Image>,
+}
+
+impl MaskOutput {
+    /// Announces the topics.
+    ///
+    /// # Errors
+    /// [`RosError`] when the middleware refuses.
+    pub fn new(node: &mut Node, config: &NodeConfig) -> Result<Self, RosError> {
+        /// `dynamic_regions` keeps as many as `dynamic_mask`.
+        const REGION_DEPTH: i32 = 5;
+        Ok(Self {
+            mask: node.publisher("dynamic_mask", Qos::masks())?,
+            regions: node.publisher("dynamic_regions", Qos::reliable(REGION_DEPTH))?,
+            overlay: node.publisher("overlay", Qos::images(config.overlay_qos))?,
+        })
+    }
+
+    /// Publishes a result; the overlay only while someone listens.
+    pub fn publish(&self, frame: &Frame, segmentation: &Segmentation) {
+        let (stamp, id) = (segmentation.stamp, &frame.frame_id);
+        self.mask.publish(mask_to_image(&segmentation.mask, stamp, id));
+        self.regions.publish(regions_to_message(segmentation, id));
+        if self.overlay.subscribers() > 0 {
+            let drawn = overlay::draw(frame.images.rgb(), segmentation);
+            self.overlay.publish(rgb_to_image(&drawn, stamp, id));
+        }
+    }
+}
+
+fn regions_to_message(segmentation: &Segmentation, frame_id: &str) -> DynamicRegions {
+    let regions = segmentation.regions.iter().map(|r| DynamicRegion {
+        id: r.id,
+        bounding_box: RegionOfInterest {
+            x_offset: r.bounding_box.x,
+            y_offset: r.bounding_box.y,
+            height: r.bounding_box.height,
+            width: r.bounding_box.width,
+            do_rectify: false,
+        },
+        depth_min: r.depth_interval[0],
+        depth_max: r.depth_interval[1],
+        pixel_count: r.pixel_count,
+        particle_mean: vector_to_array(&r.particle_mean),
+        particle_covariance: matrix_to_rows(&r.particle_covariance),
+        image_velocity: r.image_velocity.into(),
+    });
+    DynamicRegions { header: Header::new(segmentation.stamp, frame_id), regions: regions.collect() }
+}
+
+/// How the segmentation is doing, for diagnostics.
+pub fn judge(segmentation: &Segmentation) -> (Level, String) {
+    match segmentation.status {
+        Status::FirstFrame => (Level::Ok, "first frame".into()),
+        Status::Segmented => (Level::Ok, "segmenting".into()),
+        Status::FailedOpen(reason) => (Level::Warn, format!("mask left empty: {reason}")),
+    }
+}
+
+/// Figures of a result for diagnostics.
+pub fn figures(segmentation: &Segmentation) -> Vec<(&'static str, String)> {
+    let mut values = vec![
+        ("masked, %", format!("{:.1}", segmentation.mask.fraction() * 100.0)),
+        ("moving objects", segmentation.regions.len().to_string()),
+    ];
+    values.extend(segmentation.timing.0.iter().map(|(stage, ms)| (*stage, format!("{ms:.2} ms"))));
+    values
+}
+
+/// The work of the node.
+struct SegmentationProcessor {
+    settings: LiveSettings,
+    /// The segmenter, the camera that it is for, and the generation of the settings.
+    segmenter: Option<(Segmenter, Camera, u64)>,
+    last_stamp: Option<Stamp>,
+    output: Arc<Outlet<MaskOutput>>,
+    recorder: Recorder,
+    health: Health,
+}
+
+impl SegmentationProcessor {
+    /// The segmenter for this frame: a new one when camera or parameters changed, a fresh start when time was set back.
+    fn segmenter(&mut self, frame: &Frame) -> anyhow::Result<&mut Segmenter> {
+        let generation = self.settings.generation();
+        let fits = |(_, camera, g): &(Segmenter, Camera, u64)| *camera == frame.camera && *g == generation;
+        if !self.segmenter.as_ref().is_some_and(fits) {
+            let slam = self.settings.get().slam;
+            let segmenter = Segmenter::new(frame.camera, slam.mode, &slam.segmentation, slam.seed)?;
+            self.segmenter = Some((segmenter, frame.camera, generation));
+        }
+        let stamp = frame.images.stamp();
+        let set_back = self.last_stamp.replace(stamp).is_some_and(|last| stamp <= last);
+        let (segmenter, ..) = self.segmenter.as_mut().ok_or_else(|| anyhow::anyhow!("no segmenter"))?;
+        if set_back {
+            tracing::warn!("time was set back to {stamp}: starting afresh");
+            segmenter.reset();
+        }
+        Ok(segmenter)
+    }
+}
+
+impl Processor for SegmentationProcessor {
+    fn process(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        let segmentation = self.segmenter(frame)?.segment(&frame.images)?;
+        if let Some(output) = self.output.get() {
+            output.publish(frame, &segmentation);
+        }
+        let (level, message) = judge(&segmentation);
+        self.health.report(level, message, figures(&segmentation));
+        self.recorder.add_mask(segmentation.stamp, &segmentation.mask)?;
+        self.recorder.add(&FrameRecord {
+            stamp: segmentation.stamp,
+            segmentation_ms: segmentation.timing.total(),
+            mask_fraction: segmentation.mask.fraction(),
+            objects: segmentation.regions.len(),
+            ..FrameRecord::default()
+        })
+    }
+
+    fn finish(&mut self) -> anyhow::Result<()> {
+        self.recorder.finish()
+    }
+}
+
+/// Runs the node until it is told to stop.
+///
+/// # Errors
+/// When parameters, network or files are at fault.
+pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
+    let settings = Settings::read(args, &names)?;
+    let config = settings.node.clone();
+    let setup = Setup::new(args, names, &config.network, config.use_sim_time)?;
+    let input = CameraInput::new(&config, settings.camera()?);
+    let recorder = Recorder::new(&config.frames_file, &config.mask_directory)?;
+    let live = LiveSettings::new(settings);
+    let parameters = live.server(setup.clock.clone());
+    let (output, health) = (Arc::new(Outlet::default()), Health::default());
+    let processor = SegmentationProcessor {
+        settings: live,
+        segmenter: None,
+        last_stamp: None,
+        output: output.clone(),
+        recorder,
+        health: health.clone(),
+    };
+    let worker = Worker::start("segmentation", input.clone(), health.clone(), setup.clock.clone(), processor)?;
+    let result = pfd_ros::run(&setup, &Arc::new(Notify::new()), |node: &mut Node| {
+        output.set(MaskOutput::new(node, &config)?);
+        parameters.attach(node)?;
+        node_diagnostics::attach(node, "segmentation", input.clone(), health.clone())?;
+        input.attach(node)
+    });
+    output.clear();
+    worker.finish()?;
+    Ok(result?)
+}

@@ -1,0 +1,256 @@
+//! Poses, transforms and the map, published.
+//!
+//! Frames: the tracker's world is the optical frame of the first camera. The map frame is upright (REP-103: x forward, y left,
+//! z up): it is the robot's base at the start where `/tf_static` connects it to the camera, otherwise the first camera turned so
+//! that its image is upright. REP-105: `map → odom` takes up the corrections, `odom → base` is continuous.
+#![allow(non_snake_case)]
+
+use nalgebra::Vector6;
+use pfd_geometry::{Camera, Mask, Pose, Stamp};
+use pfd_parameters::NodeConfig;
+use pfd_ros::convert::map::{cloud, keyframe_markers};
+use pfd_ros::convert::pose::{
+    align_covariance, covariance_to_message, move_covariance, pose_to_message, pose_to_transform, twist_between, vector,
+};
+use pfd_ros::messages::geometry::{
+    PoseStamped, PoseWithCovariance, TfMessage, TransformStamped, Twist, TwistWithCovariance,
+};
+use pfd_ros::messages::nav::{Odometry, Path};
+use pfd_ros::messages::pfd::{StageTime, TrackingState as StateMessage};
+use pfd_ros::messages::sensor::PointCloud2;
+use pfd_ros::messages::standard::Header;
+use pfd_ros::messages::visualization::MarkerArray;
+use pfd_ros::{Node, Publisher, Qos, RosError, StaticTransforms, upright_map};
+use pfd_tracking::{TrackedFrame, Tracker, TrackingState};
+
+use crate::core::Outcome;
+
+/// Messages kept of poses and states.
+const DEPTH: i32 = 10;
+/// Messages kept of `/tf`, as tf2 does.
+const TF_DEPTH: i32 = 100;
+
+/// Where the robot's base is on the camera, and the map's axes.
+#[derive(Clone, Debug, Default)]
+pub struct FrameNames {
+    base: String,
+    T_base_camera: Pose,
+    /// Fixed with the first pose.
+    T_map_world: Option<Pose>,
+    /// The last pose of the base in the odometry frame.
+    last: Option<(Stamp, Pose)>,
+    /// The last correction, which holds while the pose is not known.
+    T_map_odom: Pose,
+}
+
+impl FrameNames {
+    /// Looks the base up in the static transforms.
+    pub fn update(&mut self, transforms: &StaticTransforms, camera_frame: &str, config: &NodeConfig) {
+        let named = transforms.lookup(&config.base_frame, camera_frame).map(|pose| (config.base_frame.clone(), pose));
+        let root = || transforms.root(camera_frame);
+        let (base, pose) = named.or_else(root).unwrap_or_else(|| (camera_frame.to_owned(), Pose::identity()));
+        (self.base, self.T_base_camera) = (base, pose);
+        let is_optical = self.base == camera_frame;
+        let upright = if is_optical { upright_map() } else { self.T_base_camera };
+        self.T_map_world.get_or_insert(upright);
+    }
+
+    /// Tracker's world to map frame.
+    fn T_map_world(&self) -> Pose {
+        self.T_map_world.unwrap_or_else(upright_map)
+    }
+}
+
+/// The publishers.
+pub struct TrackingOutput {
+    pose: Publisher<PoseStamped>,
+    odometry: Publisher<Odometry>,
+    path: Publisher<Path>,
+    map_points: Publisher<PointCloud2>,
+    keyframes: Publisher<MarkerArray>,
+    state: Publisher<StateMessage>,
+    tf: Publisher<TfMessage>,
+}
+
+impl TrackingOutput {
+    /// Announces the topics.
+    ///
+    /// # Errors
+    /// [`RosError`] when the middleware refuses.
+    pub fn new(node: &mut Node) -> Result<Self, RosError> {
+        Ok(Self {
+            pose: node.publisher("pose", Qos::reliable(DEPTH))?,
+            odometry: node.publisher("odometry", Qos::reliable(DEPTH))?,
+            path: node.publisher("path", Qos::latched())?,
+            map_points: node.publisher("map_points", Qos::latched())?,
+            keyframes: node.publisher("keyframes", Qos::latched())?,
+            state: node.publisher("tracking_state", Qos::reliable(DEPTH))?,
+            tf: node.publisher("/tf", Qos::reliable(TF_DEPTH))?,
+        })
+    }
+
+    /// `pose`, `odometry`, `/tf`. While the pose is not known `/tf` repeats the last transforms and the others are silent.
+    pub fn publish_pose(&self, names: &mut FrameNames, outcome: &Outcome, config: &NodeConfig) {
+        let tracked = &outcome.tracked;
+        let T_map_world = names.T_map_world();
+        if let (Some(T_world_camera), Some(T_odom_camera)) = (tracked.T_world_camera, tracked.T_odom_camera) {
+            let T_map_camera = T_map_world * T_world_camera;
+            let T_odom_camera = T_map_world * T_odom_camera;
+            names.T_map_odom = T_map_camera * T_odom_camera.inverse();
+            let header = Header::new(tracked.stamp, &config.map_frame);
+            self.pose.publish(PoseStamped { header, pose: pose_to_message(&T_map_camera) });
+            let T_odom_base = T_odom_camera * names.T_base_camera.inverse();
+            self.odometry.publish(odometry(names, tracked, &T_odom_base, config));
+            names.last = Some((tracked.stamp, T_odom_base));
+        }
+        if let (true, Some((_, T_odom_base))) = (config.publish_tf, names.last) {
+            self.tf.publish(transforms(names, tracked.stamp, &T_odom_base, config));
+        }
+    }
+
+    /// `tracking_state`
+    pub fn publish_state(&self, frame_id: &str, outcome: &Outcome, mask: Option<&Mask>) {
+        let t = &outcome.tracked;
+        let stages = t.timing.0.iter().map(|&(name, milliseconds)| StageTime { name: name.to_owned(), milliseconds });
+        self.state.publish(StateMessage {
+            header: Header::new(t.stamp, frame_id),
+            state: state_code(t.state),
+            features: t.features,
+            inliers: t.inliers,
+            keyframes: t.keyframes,
+            map_points: t.map_points,
+            is_keyframe: t.is_keyframe,
+            mask_used: mask.is_some(),
+            mask_fraction: mask.map_or(0.0, |m| m.fraction() as f32),
+            segmentation_ms: outcome.segmentation_ms,
+            tracking_ms: outcome.tracking_ms,
+            stages: stages.collect(),
+        });
+    }
+
+    /// `tracking_state` of a frame that could not be worked on.
+    pub fn publish_failure(&self, frame_id: &str, stamp: Stamp) {
+        let header = Header::new(stamp, frame_id);
+        self.state.publish(StateMessage { header, state: StateMessage::LOST, ..StateMessage::default() });
+    }
+
+    /// `path`, `map_points`, `keyframes`
+    pub fn publish_map(
+        &self,
+        names: &FrameNames,
+        tracker: &Tracker,
+        camera: &Camera,
+        stamp: Stamp,
+        config: &NodeConfig,
+    ) {
+        let T_map_world = names.T_map_world();
+        let header = Header::new(stamp, &config.map_frame);
+        let trajectory = tracker.trajectory();
+        let recent = &trajectory[trajectory.len().saturating_sub(config.path_length as usize)..];
+        let poses = recent.iter().map(|p| PoseStamped {
+            header: Header::new(p.stamp, &config.map_frame),
+            pose: pose_to_message(&(T_map_world * p.pose)),
+        });
+        self.path.publish(Path { header: header.clone(), poses: poses.collect() });
+        let points = tracker.map_points();
+        let points = points.iter().map(|p| (T_map_world * p.position, p.color));
+        self.map_points.publish(cloud(points, header.clone()));
+        let keyframes: Vec<Pose> = tracker.keyframe_trajectory().iter().map(|k| T_map_world * k.pose).collect();
+        self.keyframes.publish(keyframe_markers(&keyframes, camera, &header));
+    }
+}
+
+fn state_code(state: TrackingState) -> u8 {
+    match state {
+        TrackingState::NotInitialized => StateMessage::NOT_INITIALIZED,
+        TrackingState::Ok => StateMessage::OK,
+        TrackingState::Lost => StateMessage::LOST,
+        TrackingState::Relocalized => StateMessage::RELOCALIZED,
+    }
+}
+
+fn odometry(names: &FrameNames, tracked: &TrackedFrame, T_odom_base: &Pose, config: &NodeConfig) -> Odometry {
+    let of_base = move_covariance(&tracked.covariance, &names.T_base_camera);
+    let seconds = names.last.map_or(0.0, |(stamp, _)| tracked.stamp.seconds_since(stamp));
+    let twist =
+        names.last.and_then(|(_, last)| twist_between(&last, T_odom_base, seconds)).unwrap_or_else(Vector6::zeros);
+    // The difference of two poses with independent errors, over the time between them.
+    let twist_covariance = if seconds > 0.0 { of_base * (2.0 / (seconds * seconds)) } else { of_base };
+    let (linear, angular) = (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned());
+    Odometry {
+        header: Header::new(tracked.stamp, &config.odom_frame),
+        child_frame_id: names.base.clone(),
+        pose: PoseWithCovariance {
+            pose: pose_to_message(T_odom_base),
+            covariance: covariance_to_message(&align_covariance(&of_base, T_odom_base)),
+        },
+        twist: TwistWithCovariance {
+            twist: Twist { linear: vector(&linear), angular: vector(&angular) },
+            covariance: covariance_to_message(&twist_covariance),
+        },
+    }
+}
+
+fn transforms(names: &FrameNames, stamp: Stamp, T_odom_base: &Pose, config: &NodeConfig) -> TfMessage {
+    let transform = |parent: &str, child: &str, pose: &Pose| TransformStamped {
+        header: Header::new(stamp, parent),
+        child_frame_id: child.to_owned(),
+        transform: pose_to_transform(pose),
+    };
+    TfMessage {
+        transforms: vec![
+            transform(&config.map_frame, &config.odom_frame, &names.T_map_odom),
+            transform(&config.odom_frame, &names.base, T_odom_base),
+        ],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_base_is_the_named_frame_or_the_root_or_the_camera() {
+        let config = NodeConfig::default();
+        let mut tree = StaticTransforms::default();
+        let mut names = FrameNames::default();
+        names.update(&tree, "optical", &config);
+        assert_eq!((names.base.as_str(), names.T_map_world()), ("optical", upright_map()));
+        tree.insert("camera_link", "optical", Pose::translation(0.1, 0.0, 0.0));
+        names.update(&tree, "optical", &config);
+        assert_eq!(names.base, "camera_link");
+        tree.insert("base_link", "camera_link", Pose::translation(1.0, 0.0, 0.0));
+        names.update(&tree, "optical", &config);
+        assert_eq!(names.base, "base_link");
+        assert!((names.T_base_camera.translation.x - 1.1).abs() < 1e-12);
+        assert_eq!(names.T_map_world(), upright_map(), "the map does not turn while it is in use");
+    }
+
+    #[test]
+    fn odometry_is_about_the_base() {
+        let names = FrameNames {
+            base: "base_link".into(),
+            T_base_camera: upright_map(),
+            last: Some((Stamp::default(), Pose::identity())),
+            ..FrameNames::default()
+        };
+        let tracked = TrackedFrame {
+            stamp: Stamp::from_nanos(500_000_000),
+            state: TrackingState::Ok,
+            T_world_camera: None,
+            T_odom_camera: None,
+            covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
+            features: 0,
+            inliers: 0,
+            keyframes: 0,
+            map_points: 0,
+            is_keyframe: false,
+            timing: pfd_geometry::StageTimes::default(),
+        };
+        let message = odometry(&names, &tracked, &Pose::translation(1.0, 0.0, 0.0), &NodeConfig::default());
+        assert!((message.twist.twist.linear.x - 2.0).abs() < 1e-9, "1 m in 0.5 s");
+        // Forward is the camera's z.
+        assert!((message.pose.covariance[0][0] - 3.0).abs() < 1e-9);
+        assert_eq!((message.header.frame_id.as_str(), message.child_frame_id.as_str()), ("odom", "base_link"));
+    }
+}
