@@ -3,6 +3,10 @@
 mod arguments;
 mod commands;
 mod output;
+mod progress;
+mod results;
+mod runner;
+mod setup;
 
 use std::process::ExitCode;
 
@@ -24,7 +28,12 @@ fn main() -> ExitCode {
 
 fn run(command: &Command) -> anyhow::Result<()> {
     match command {
+        Command::Run(arguments) => commands::run::run(arguments),
         Command::Eval(arguments) => commands::eval::run(arguments),
         Command::EvalMasks(arguments) => commands::eval_masks::run(arguments),
+        Command::Bench(arguments) => commands::bench::run(arguments),
+        Command::Fetch(arguments) => commands::fetch::run(arguments),
+        Command::Config(arguments) => commands::config::run(arguments),
+        Command::Report(arguments) => commands::report::run(arguments),
     }
 }

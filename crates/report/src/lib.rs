@@ -12,9 +12,11 @@ pub mod published;
 pub mod sample;
 pub mod summary;
 pub mod table;
+pub mod video;
 
 pub use error::ReportError;
 pub use frames::FrameRow;
 pub use page::RunPage;
 pub use sample::Sample;
 pub use summary::{Percentiles, Summary, Timing};
+pub use video::Video;

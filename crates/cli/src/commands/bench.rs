@@ -1,0 +1,246 @@
+//! `pfd-slam bench`: sequences × variants × seeds, tables and one page.
+
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::Context;
+use pfd_dataset::Sequence;
+use pfd_evaluation::read_trajectory;
+use pfd_pipeline::SlamConfig;
+use pfd_report::bench::{BenchRun, CsvRow, median_run, sequences, tables, variants};
+use pfd_report::bench_page::{self, Detail};
+use pfd_report::summary::Errors;
+use pfd_report::{FrameRow, Summary, frames};
+
+use crate::arguments::{BenchArguments, BenchMode, ConfigSource};
+use crate::commands::eval_masks;
+use crate::commands::report::samples;
+use crate::progress::Progress;
+use crate::runner::{self, Job};
+use crate::{output, results, setup};
+
+/// Folder of the true masks in a sequence.
+const TRUE_MASKS: &str = "mask";
+
+pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
+    let plan = Plan::new(arguments)?;
+    let failures = plan.execute(arguments.jobs as usize)?;
+    let runs = plan.collect()?;
+    anyhow::ensure!(!runs.is_empty(), "no run succeeded; the first failed with: {}", failures.join("; "));
+    write(&arguments.out, &plan, &runs)?;
+    anyhow::ensure!(failures.is_empty(), "{} runs failed: {}", failures.len(), failures.join("; "));
+    Ok(())
+}
+
+/// A column of the tables.
+struct Variant {
+    name: String,
+    config: SlamConfig,
+    given_masks: bool,
+}
+
+/// Everything that is to be run.
+struct Plan {
+    out: PathBuf,
+    sequences: Vec<Sequence>,
+    variants: Vec<Variant>,
+    runs: u64,
+    max_frames: Option<usize>,
+}
+
+/// One run of the plan.
+#[derive(Clone, Copy)]
+struct Cell<'a> {
+    sequence: &'a Sequence,
+    variant: &'a Variant,
+    seed: u64,
+}
+
+impl Plan {
+    fn new(arguments: &BenchArguments) -> anyhow::Result<Self> {
+        let open = |path: &PathBuf| setup::sequence(path, &arguments.reading);
+        let sequences: Vec<Sequence> = arguments.sequences.iter().map(open).collect::<anyhow::Result<_>>()?;
+        for (i, sequence) in sequences.iter().enumerate() {
+            let is_repeated = sequences[..i].iter().any(|other| other.name() == sequence.name());
+            anyhow::ensure!(
+                !is_repeated,
+                "two sequences are named {}: results could not be told apart",
+                sequence.name()
+            );
+        }
+        Ok(Self {
+            out: arguments.out.clone(),
+            sequences,
+            variants: variants_of(arguments)?,
+            runs: arguments.runs,
+            max_frames: arguments.max_frames,
+        })
+    }
+
+    /// All runs; those with true masks only where there are some.
+    fn cells(&self) -> Vec<Cell<'_>> {
+        let mut cells = Vec::new();
+        for sequence in &self.sequences {
+            for variant in self.variants.iter().filter(|v| !v.given_masks || true_masks(sequence).is_dir()) {
+                cells.extend((0..self.runs).map(|run| Cell { sequence, variant, seed: variant.config.seed + run }));
+            }
+        }
+        cells
+    }
+
+    fn folder(&self, cell: Cell<'_>) -> PathBuf {
+        // A value may hold a slash; a folder's name may not.
+        let variant = cell.variant.name.replace('/', "_");
+        self.out.join("runs").join(cell.sequence.name()).join(variant).join(cell.seed.to_string())
+    }
+
+    /// Runs what has not been run yet, and returns what went wrong.
+    fn execute(&self, jobs: usize) -> anyhow::Result<Vec<String>> {
+        let mut todo = Vec::new();
+        for cell in self.cells() {
+            if !self.is_done(cell)? {
+                todo.push(cell);
+            }
+        }
+        let frames = todo.iter().map(|cell| cell.sequence.len().min(self.max_frames.unwrap_or(usize::MAX))).sum();
+        let (progress, next, failures) = (Progress::new("bench", frames), AtomicUsize::new(0), Mutex::new(Vec::new()));
+        let work = || {
+            while let Some(cell) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
+                if let Err(error) = self.run(*cell, &progress) {
+                    let failure = format!("{} {}: {error:#}", cell.sequence.name(), cell.variant.name);
+                    progress.note(&failure);
+                    failures.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(failure);
+                }
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..jobs {
+                scope.spawn(work);
+            }
+        });
+        progress.finish();
+        Ok(failures.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
+    }
+
+    fn run(&self, cell: Cell<'_>, progress: &Progress) -> anyhow::Result<()> {
+        let config = cell.config();
+        let folder = self.folder(cell);
+        let masks = true_masks(cell.sequence);
+        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let job = Job {
+            sequence: cell.sequence,
+            camera: setup::camera(&config, cell.sequence)?,
+            config: &config,
+            max_frames: self.max_frames,
+            given_masks: cell.variant.given_masks.then_some(masks.as_path()),
+            save_masks: Some(folder.join("masks")),
+            video: None,
+        };
+        let outcome = runner::run(&job, progress)?;
+        let (summary, errors) = results::summarise(&job, &outcome)?;
+        results::write(&folder, &summary, &errors, &outcome)
+    }
+
+    /// Whether the folder holds a run with the same configuration and length.
+    fn is_done(&self, cell: Cell<'_>) -> anyhow::Result<bool> {
+        let report = self.folder(cell).join("report.json");
+        let Ok(summary) = Summary::read(&report) else { return Ok(false) };
+        let frames = cell.sequence.len().min(self.max_frames.unwrap_or(usize::MAX));
+        Ok(summary.frames + summary.skipped == frames && summary.config == serde_json::to_value(cell.config())?)
+    }
+
+    /// The results of all runs that are there.
+    fn collect(&self) -> anyhow::Result<Vec<BenchRun>> {
+        let mut runs = Vec::new();
+        for cell in self.cells() {
+            if self.is_done(cell)? {
+                let folder = self.folder(cell);
+                let summary = Summary::read(&folder.join("report.json"))?;
+                runs.push(BenchRun { variant: cell.variant.name.clone(), summary, masks: self.mask_quality(cell)? });
+            }
+        }
+        Ok(runs)
+    }
+
+    fn mask_quality(&self, cell: Cell<'_>) -> anyhow::Result<Option<pfd_evaluation::MaskSummary>> {
+        let truth = true_masks(cell.sequence);
+        if cell.variant.given_masks || !truth.is_dir() {
+            return Ok(None);
+        }
+        Ok(Some(eval_masks::compare(&self.folder(cell).join("masks"), &truth)?.summary))
+    }
+
+    /// The median runs in detail.
+    fn details(&self, runs: &[BenchRun]) -> anyhow::Result<Vec<Detail>> {
+        let mut details = Vec::new();
+        for sequence in sequences(runs) {
+            for variant in variants(runs) {
+                let Some(run) = median_run(runs, sequence, variant) else { continue };
+                let is_it = |c: &Cell<'_>| {
+                    c.sequence.name() == sequence && c.variant.name == variant && c.seed == run.summary.seed
+                };
+                if let Some(cell) = self.cells().into_iter().find(is_it) {
+                    details.push(detail(cell, &self.folder(cell))?);
+                }
+            }
+        }
+        Ok(details)
+    }
+}
+
+impl Cell<'_> {
+    fn config(self) -> SlamConfig {
+        SlamConfig { seed: self.seed, ..self.variant.config.clone() }
+    }
+}
+
+fn true_masks(sequence: &Sequence) -> PathBuf {
+    sequence.folder().join(TRUE_MASKS)
+}
+
+fn detail(cell: Cell<'_>, folder: &Path) -> anyhow::Result<Detail> {
+    let rows: Vec<FrameRow> = frames::read(&folder.join("frames.csv"))?;
+    let trajectory = read_trajectory(&folder.join("trajectory.txt"))?;
+    Ok(Detail {
+        sequence: cell.sequence.name().to_owned(),
+        variant: cell.variant.name.clone(),
+        errors: Errors::of(cell.sequence.ground_truth(), &trajectory),
+        samples: samples(cell.sequence, &rows, &folder.join("masks"))?,
+        frames: rows,
+    })
+}
+
+/// The modes, then the values to vary (with the first mode).
+fn variants_of(arguments: &BenchArguments) -> anyhow::Result<Vec<Variant>> {
+    let mut variants = Vec::new();
+    for &mode in &arguments.modes {
+        variants.push(variant(mode.to_string(), mode, &arguments.config)?);
+    }
+    for (name, values) in &arguments.vary {
+        for value in values.split(',') {
+            let mut source = arguments.config.clone();
+            source.set.push((name.clone(), value.to_owned()));
+            variants.push(variant(format!("{name}={value}"), arguments.modes[0], &source)?);
+        }
+    }
+    Ok(variants)
+}
+
+fn variant(name: String, mode: BenchMode, source: &ConfigSource) -> anyhow::Result<Variant> {
+    let mut config = setup::configuration(source)?;
+    if let BenchMode::Mode(mode) = mode {
+        config.mode = mode;
+    }
+    Ok(Variant { name, config, given_masks: mode == BenchMode::Given })
+}
+
+fn write(out: &Path, plan: &Plan, runs: &[BenchRun]) -> anyhow::Result<()> {
+    let markdown: String = tables(runs).iter().map(pfd_report::table::Table::markdown).collect();
+    let put = |name: &str, content: &str| pfd_report::error::write(&out.join(name), content);
+    put("bench.md", &markdown)?;
+    put("bench.json", &(serde_json::to_string_pretty(runs)? + "\n"))?;
+    put("bench.html", &bench_page::page(runs, &plan.details(runs)?)?)?;
+    frames::write(&out.join("bench.csv"), &runs.iter().map(CsvRow::from).collect::<Vec<_>>())?;
+    output::print(&format!("{markdown}page: {}\n", out.join("bench.html").display()))
+}

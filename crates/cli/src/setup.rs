@@ -1,0 +1,41 @@
+//! What every command that runs the pipeline needs: sequence, configuration, camera.
+
+use std::path::Path;
+
+use anyhow::Context;
+use pfd_dataset::{Options, Pairing, Sequence};
+use pfd_geometry::{Camera, Distortion};
+use pfd_parameters::{NodeName, load, parse_value};
+use pfd_pipeline::SlamConfig;
+
+use crate::arguments::{ConfigSource, SequenceArguments};
+
+/// The node whose sections of a parameter file are read; it does in one process what the command line does.
+const NODE: &str = "slam_node";
+
+pub(crate) fn sequence(path: &Path, arguments: &SequenceArguments) -> anyhow::Result<Sequence> {
+    let pairing = if arguments.one_to_one { Pairing::OneToOne } else { Pairing::Nearest };
+    let options = Options { depth_offset: arguments.depth_offset, pairing, ..Options::default() };
+    Ok(Sequence::open_with(path, &options)?)
+}
+
+pub(crate) fn configuration(source: &ConfigSource) -> anyhow::Result<SlamConfig> {
+    let files: Vec<&Path> = source.config.iter().map(AsRef::as_ref).collect();
+    let overrides: Vec<_> = source.set.iter().map(|(name, value)| (name.clone(), parse_value(value))).collect();
+    Ok(load(&files, &NodeName::new("/", NODE)?, &overrides)?)
+}
+
+/// The camera of the configuration, else that of the sequence.
+pub(crate) fn camera(config: &SlamConfig, sequence: &Sequence) -> anyhow::Result<Camera> {
+    let Some(c) = &config.camera else {
+        return sequence.camera().with_context(|| {
+            format!(
+                "{}: the camera is not known: put calib.yaml (width, height, fx, fy, cx, cy, distortion) into the \
+                 sequence, or pass --config with `camera:`",
+                sequence.folder().display()
+            )
+        });
+    };
+    let size = (c.width as usize, c.height as usize);
+    Camera::new(size, [c.fx, c.fy, c.cx, c.cy], Distortion(c.distortion)).context("camera in the configuration")
+}
