@@ -6,12 +6,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Everything that can be set about tracking.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackingConfig {
     /// Feature extraction.
     pub features: FeatureConfig,
-    /// Noise of the depth sensor.
+    /// Error of depth at a feature. Beside the sensor's noise it holds what does not average out: registration to colour,
+    /// calibration, and the camera's motion between the two exposures.
     pub depth_noise: DepthNoise,
     /// Data association.
     pub matching: MatchingConfig,
@@ -23,6 +24,23 @@ pub struct TrackingConfig {
     pub bundle_adjustment: BundleAdjustmentConfig,
     /// Place recognition, relocalisation and loop closing.
     pub places: PlaceConfig,
+}
+
+impl Default for TrackingConfig {
+    fn default() -> Self {
+        // Depth and colour of a Kinect are up to half a frame apart: 16 ms at a hand-held 0.5 m/s are 8 mm, and calibration is
+        // off by one or two centimetres at 2 m (Khoshelham and Oude Elberink 2012, section 5).
+        const SYSTEMATIC: f64 = 0.02;
+        Self {
+            features: FeatureConfig::default(),
+            depth_noise: DepthNoise { offset: SYSTEMATIC, ..DepthNoise::default() },
+            matching: MatchingConfig::default(),
+            pose: PoseConfig::default(),
+            mapping: MappingConfig::default(),
+            bundle_adjustment: BundleAdjustmentConfig::default(),
+            places: PlaceConfig::default(),
+        }
+    }
 }
 
 /// ORB features (Rublee et al., ICCV 2011).
@@ -54,7 +72,7 @@ pub struct FeatureConfig {
 
 impl Default for FeatureConfig {
     fn default() -> Self {
-        Self { count: 1000, levels: 8, scale: 1.2, threshold: 20, low_threshold: 7, sigma: 1.0, mask_margin: 4 }
+        Self { count: 1000, levels: 8, scale: 1.2, threshold: 20, low_threshold: 7, sigma: 0.7, mask_margin: 4 }
     }
 }
 
@@ -120,6 +138,8 @@ impl Default for PoseConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct MappingConfig {
+    /// Off: only localise in the map that was loaded, and leave it as it is.
+    pub enabled: bool,
     /// A keyframe is due when the inliers fall below this share of the points of the reference keyframe.
     #[schemars(range(min = 0.1, max = 1.0))]
     pub keyframe_inlier_ratio: f64,
@@ -143,6 +163,7 @@ pub struct MappingConfig {
 impl Default for MappingConfig {
     fn default() -> Self {
         Self {
+            enabled: true,
             keyframe_inlier_ratio: 0.75,
             min_keyframe_gap: 3,
             wanted_points: 100,

@@ -9,6 +9,7 @@ pub mod image_features;
 pub mod local_mapping;
 pub mod localization;
 pub mod map;
+pub mod map_file;
 pub mod matching;
 mod motion;
 pub mod places;
@@ -20,5 +21,6 @@ mod tracker;
 mod trajectory;
 
 pub use config::TrackingConfig;
+pub use map_file::MapFileError;
 pub use result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
 pub use tracker::Tracker;

@@ -1,5 +1,6 @@
 //! The state machine around localisation and mapping.
 
+use std::path::Path;
 use std::thread::JoinHandle;
 
 use nalgebra::Matrix6;
@@ -14,6 +15,7 @@ use crate::image_features::ImageFeatures;
 use crate::local_mapping;
 use crate::localization::{Localized, Localizer};
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
+use crate::map_file::{self, MapFileError};
 use crate::motion::Motion;
 use crate::places::PlaceIndex;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
@@ -223,6 +225,9 @@ impl Tracker {
             active.reference = reference.unwrap_or(active.reference);
             self.trajectory.push(&self.map, stamp, active.reference, &localized.T_camera_world);
         }
+        if !self.config.mapping.enabled {
+            return false;
+        }
         self.remember(&candidate, localized);
         if !self.keyframe_is_due(&candidate, localized) {
             return false;
@@ -370,6 +375,34 @@ impl Tracker {
         self.state = TrackingState::NotInitialized;
         self.last_stamp = None;
         self.active = None;
+    }
+
+    /// Writes the map to a file.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub fn save_map(&self, path: &Path) -> Result<(), MapFileError> {
+        map_file::save(path, &self.map, &self.keyframe_order, &self.camera)
+    }
+
+    /// Replaces the map by that of a file. The camera counts as lost until it is recognised there.
+    ///
+    /// # Errors
+    /// When the file is no map of this camera; the present map stays.
+    pub fn load_map(&mut self, path: &Path) -> Result<(), MapFileError> {
+        let (map, order) = map_file::load(path, &self.camera)?;
+        self.reset();
+        for (id, keyframe) in order.iter().filter_map(|id| Some((*id, map.keyframe(*id)?))) {
+            self.places.insert(id, keyframe.features.descriptors());
+        }
+        if let Some((reference, keyframe)) = order.last().and_then(|id| Some((*id, map.keyframe(*id)?))) {
+            let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
+            self.active = Some(Active { motion, reference, last_points: Vec::new() });
+            self.state = TrackingState::Lost;
+            self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
+        }
+        (self.map, self.keyframe_order) = (map, order);
+        Ok(())
     }
 
     /// The map.

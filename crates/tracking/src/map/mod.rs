@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use slotmap::SlotMap;
 
 pub use keyframe::Keyframe;
-pub use map_point::MapPoint;
+pub use map_point::{Counts, MapPoint};
 
 slotmap::new_key_type! {
     /// Identifies a keyframe, for as long as the map exists.

@@ -1,0 +1,357 @@
+//! Maps in files.
+//!
+//! A file is, in this order: the eight bytes `PFDSLAM\0`; the version of the format (u32, little endian); the CRC-32 of the
+//! payload (u32, little endian); the payload: [`MapRecord`] in the postcard encoding (<https://postcard.jamesmunns.com>).
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Point2, Point3, Quaternion, Translation3, UnitQuaternion};
+use pfd_geometry::{Camera, Pose, Stamp, pose};
+use pfd_vision::features::{Descriptor, Feature};
+use serde::{Deserialize, Serialize};
+
+use crate::image_features::ImageFeatures;
+use crate::map::{Counts, Keyframe, KeyframeId, Map, Observation};
+use crate::residual::Measurement;
+
+const MAGIC: &[u8; 8] = b"PFDSLAM\0";
+/// Raised whenever [`MapRecord`], the descriptor or its pattern change.
+const VERSION: u32 = 1;
+const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
+/// A larger file (bytes) is refused before it is read.
+const MAX_FILE_SIZE: u64 = 4 << 30;
+
+/// Why a map could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum MapFileError {
+    /// The file system refused.
+    #[error("{}: {error}", path.display())]
+    Io {
+        /// Which file.
+        path: PathBuf,
+        /// What it said.
+        error: std::io::Error,
+    },
+    /// Not a map.
+    #[error("{}: not a map of pfd-slam", .0.display())]
+    NotAMap(PathBuf),
+    /// A map in another format.
+    #[error("{}: map format {found}, this program reads {VERSION}: record the map again", path.display())]
+    Version {
+        /// Which file.
+        path: PathBuf,
+        /// Version in the file.
+        found: u32,
+    },
+    /// The file was cut off or changed.
+    #[error("{}: the map is damaged ({what})", path.display())]
+    Damaged {
+        /// Which file.
+        path: PathBuf,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// The map was made with another camera.
+    #[error("{}: the map was recorded with another camera: its intrinsics differ from the present ones", .0.display())]
+    OtherCamera(PathBuf),
+}
+
+#[derive(Serialize, Deserialize)]
+struct MapRecord {
+    camera: CameraRecord,
+    keyframes: Vec<KeyframeRecord>,
+    points: Vec<PointRecord>,
+}
+
+#[derive(Serialize, Deserialize, PartialEq)]
+struct CameraRecord {
+    size: (u32, u32),
+    intrinsics: [f64; 4],
+    distortion: [f64; 5],
+}
+
+#[derive(Serialize, Deserialize)]
+struct KeyframeRecord {
+    stamp: i64,
+    frame_index: u64,
+    /// Of `T_camera_world`: x y z, then the quaternion x y z w.
+    translation: [f64; 3],
+    rotation: [f64; 4],
+    features: Vec<FeatureRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct FeatureRecord {
+    position: (f32, f32),
+    angle: f32,
+    level: u8,
+    response: f32,
+    descriptor: [u64; 4],
+    sigma: f64,
+    depth: Option<(f64, f64)>,
+    color: [u8; 3],
+}
+
+#[derive(Serialize, Deserialize)]
+struct PointRecord {
+    position: [f64; 3],
+    visible: u32,
+    found: u32,
+    contradicted: u32,
+    /// Keyframe (index in `keyframes`) and feature.
+    observations: Vec<(u32, u32)>,
+}
+
+/// Writes `map` to `path`, first to a file beside it, so that an interrupted write leaves the old map.
+///
+/// # Errors
+/// [`MapFileError::Io`].
+pub fn save(path: &Path, map: &Map, order: &[KeyframeId], camera: &Camera) -> Result<(), MapFileError> {
+    let io = |error| MapFileError::Io { path: path.to_owned(), error };
+    let payload = postcard::to_stdvec(&record(map, order, camera)).map_err(|e| io(std::io::Error::other(e)))?;
+    let mut bytes = Vec::with_capacity(HEADER + payload.len());
+    bytes.extend_from_slice(MAGIC);
+    bytes.extend_from_slice(&VERSION.to_le_bytes());
+    bytes.extend_from_slice(&crc32fast::hash(&payload).to_le_bytes());
+    bytes.extend_from_slice(&payload);
+    let partial = path.with_extension("partial");
+    std::fs::write(&partial, bytes).and_then(|()| std::fs::rename(&partial, path)).map_err(io)
+}
+
+/// Reads a map that was recorded with `camera`; keyframes in the order of their creation.
+///
+/// # Errors
+/// [`MapFileError`] when the file is no map, of another version, damaged, or of another camera.
+pub fn load(path: &Path, camera: &Camera) -> Result<(Map, Vec<KeyframeId>), MapFileError> {
+    let io = |error| MapFileError::Io { path: path.to_owned(), error };
+    let damaged = |what| MapFileError::Damaged { path: path.to_owned(), what };
+    if std::fs::metadata(path).map_err(io)?.len() > MAX_FILE_SIZE {
+        return Err(damaged("larger than any map"));
+    }
+    let bytes = std::fs::read(path).map_err(io)?;
+    let payload = payload(path, &bytes)?;
+    let record: MapRecord = postcard::from_bytes(payload).map_err(|_| damaged("not decodable"))?;
+    if record.camera != camera_record(camera) {
+        return Err(MapFileError::OtherCamera(path.to_owned()));
+    }
+    restore(&record).ok_or_else(|| damaged("inconsistent"))
+}
+
+fn payload<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], MapFileError> {
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(|| MapFileError::NotAMap(path.to_owned()))?;
+    let damaged = |what| MapFileError::Damaged { path: path.to_owned(), what };
+    let (version, rest) = rest.split_first_chunk().ok_or_else(|| damaged("cut off"))?;
+    let found = u32::from_le_bytes(*version);
+    if found != VERSION {
+        return Err(MapFileError::Version { path: path.to_owned(), found });
+    }
+    let (checksum, payload) = rest.split_first_chunk().ok_or_else(|| damaged("cut off"))?;
+    if crc32fast::hash(payload) == u32::from_le_bytes(*checksum) { Ok(payload) } else { Err(damaged("checksum")) }
+}
+
+fn camera_record(camera: &Camera) -> CameraRecord {
+    CameraRecord {
+        size: (camera.width as u32, camera.height as u32),
+        intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+        distortion: camera.distortion.0,
+    }
+}
+
+fn record(map: &Map, order: &[KeyframeId], camera: &Camera) -> MapRecord {
+    let index_of = |id: KeyframeId| order.iter().position(|other| *other == id).map(|i| i as u32);
+    let observe = |seen: &Observation| Some((index_of(seen.keyframe)?, seen.feature as u32));
+    let points = map.points().map(|(_, point)| PointRecord {
+        position: point.position.coords.into(),
+        visible: point.counts.visible,
+        found: point.counts.found,
+        contradicted: point.counts.contradicted,
+        observations: point.observations().iter().filter_map(observe).collect(),
+    });
+    MapRecord {
+        camera: camera_record(camera),
+        keyframes: order.iter().filter_map(|id| map.keyframe(*id)).map(keyframe_record).collect(),
+        points: points.collect(),
+    }
+}
+
+fn keyframe_record(keyframe: &Keyframe) -> KeyframeRecord {
+    let feature = |i: usize| {
+        let (feature, measured) = (keyframe.features.feature(i), keyframe.features.measurement(i));
+        FeatureRecord {
+            position: (feature.u, feature.v),
+            angle: feature.angle,
+            level: feature.level,
+            response: feature.response,
+            descriptor: feature.descriptor.0,
+            sigma: measured.sigma,
+            depth: measured.depth,
+            color: keyframe.features.color(i),
+        }
+    };
+    KeyframeRecord {
+        stamp: keyframe.stamp.as_nanos(),
+        frame_index: keyframe.frame_index as u64,
+        translation: keyframe.T_camera_world.translation.vector.into(),
+        rotation: keyframe.T_camera_world.rotation.coords.into(),
+        features: (0..keyframe.features.len()).map(feature).collect(),
+    }
+}
+
+/// `None` when indices or numbers make no sense.
+fn restore(record: &MapRecord) -> Option<(Map, Vec<KeyframeId>)> {
+    let mut map = Map::default();
+    let size = (record.camera.size.0 as usize, record.camera.size.1 as usize);
+    let keyframes: Option<Vec<_>> =
+        record.keyframes.iter().map(|k| Some(map.add_keyframe(restore_keyframe(k, size)?))).collect();
+    let keyframes = keyframes?;
+    for point in &record.points {
+        let observe = |&(k, f): &(u32, u32)| {
+            Some(Observation { keyframe: *keyframes.get(k as usize)?, feature: f as usize })
+        };
+        let observations: Vec<_> = point.observations.iter().map(observe).collect::<Option<_>>()?;
+        let (first, others) = observations.split_first()?;
+        let id = map.add_point(Point3::from(point.position), *first)?;
+        for seen in others {
+            map.add_observation(id, *seen).then_some(())?;
+        }
+        map.point_mut(id)?.counts =
+            Counts { visible: point.visible, found: point.found, contradicted: point.contradicted };
+    }
+    Some((map, keyframes))
+}
+
+fn restore_keyframe(record: &KeyframeRecord, size: (usize, usize)) -> Option<Keyframe> {
+    let [x, y, z, w] = record.rotation;
+    let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::EPSILON)?;
+    let restored: Pose = Isometry3::from_parts(Translation3::from(record.translation), rotation);
+    let plausible = |f: &FeatureRecord| {
+        let inside = f.position.0 >= 0.0 && f.position.1 >= 0.0;
+        let depth = f.depth.is_none_or(|(z, sigma)| z.is_finite() && z > 0.0 && sigma.is_finite() && sigma > 0.0);
+        inside && depth && f.position.0.is_finite() && f.position.1.is_finite() && f.sigma.is_finite() && f.sigma > 0.0
+    };
+    if !pose::is_finite(&restored) || !record.features.iter().all(plausible) {
+        return None;
+    }
+    let feature = |f: &FeatureRecord| Feature {
+        u: f.position.0,
+        v: f.position.1,
+        angle: f.angle,
+        level: f.level,
+        response: f.response,
+        descriptor: Descriptor(f.descriptor),
+    };
+    let measurement = |f: &FeatureRecord| Measurement {
+        pixel: Point2::new(f64::from(f.position.0), f64::from(f.position.1)),
+        sigma: f.sigma,
+        depth: f.depth,
+    };
+    let features = ImageFeatures::from_parts(
+        size,
+        record.features.iter().map(feature).collect(),
+        record.features.iter().map(measurement).collect(),
+        record.features.iter().map(|f| f.color).collect(),
+    );
+    Some(Keyframe::new(Stamp::from_nanos(record.stamp), record.frame_index as usize, restored, features))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::Distortion;
+    use proptest::prelude::*;
+
+    fn test_camera() -> Camera {
+        Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap()
+    }
+
+    fn map() -> (Map, Vec<KeyframeId>) {
+        let feature = |i: u16| Feature {
+            u: f32::from(i),
+            v: 3.0,
+            angle: 0.1,
+            level: 1,
+            response: 9.0,
+            descriptor: Descriptor([u64::from(i); 4]),
+        };
+        let measured = |i: u16| Measurement {
+            pixel: Point2::new(f64::from(i), 3.0),
+            sigma: 1.2,
+            depth: (i % 2 == 0).then_some((1.5, 0.02)),
+        };
+        let features = || {
+            ImageFeatures::from_parts(
+                (640, 480),
+                (0..20).map(feature).collect(),
+                (0..20).map(measured).collect(),
+                (0..20).map(|i| [i as u8; 3]).collect(),
+            )
+        };
+        let mut map = Map::default();
+        let pose = pose::exp(&nalgebra::Vector6::new(0.1, 0.2, 0.3, 0.1, -0.2, 0.05));
+        let ids = vec![
+            map.add_keyframe(Keyframe::new(Stamp::from_nanos(5), 0, Pose::identity(), features())),
+            map.add_keyframe(Keyframe::new(Stamp::from_nanos(9), 7, pose, features())),
+        ];
+        for feature in 0..15 {
+            let position = Point3::new(0.1, 0.2, 1.0 + feature as f64);
+            let id = map.add_point(position, Observation { keyframe: ids[0], feature }).unwrap();
+            map.add_observation(id, Observation { keyframe: ids[1], feature: feature + 1 });
+        }
+        (map, ids)
+    }
+
+    #[test]
+    fn a_map_survives_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, again) = (folder.path().join("a.map"), folder.path().join("b.map"));
+        let camera = test_camera();
+        let (map, order) = map();
+        save(&path, &map, &order, &camera).unwrap();
+        let (restored, restored_order) = load(&path, &camera).unwrap();
+        assert_eq!((restored.keyframe_count(), restored.point_count()), (2, 15));
+        assert_eq!(restored.check(), Ok(()));
+        save(&again, &restored, &restored_order, &camera).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&again).unwrap());
+        let other = Camera { fx: 500.0, ..camera };
+        assert!(matches!(load(&path, &other), Err(MapFileError::OtherCamera(_))));
+    }
+
+    #[test]
+    fn older_and_foreign_files_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("old.map");
+        let camera = test_camera();
+        std::fs::write(&path, [MAGIC.as_slice(), &[0; 8]].concat()).unwrap();
+        assert!(matches!(load(&path, &camera), Err(MapFileError::Version { found: 0, .. })));
+        std::fs::write(&path, b"# TUM trajectory").unwrap();
+        assert!(load(&path, &camera).unwrap_err().to_string().contains("old.map: not a map"));
+    }
+
+    proptest! {
+        #[test]
+        fn damage_is_refused_or_harmless(at in 0..4000_usize, value in any::<u8>(), keep in 0..4000_usize) {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.map");
+            let camera = test_camera();
+            let (map, order) = map();
+            save(&path, &map, &order, &camera).unwrap();
+            let mut bytes = std::fs::read(&path).unwrap();
+            bytes.truncate(keep.max(1));
+            let at = at % bytes.len();
+            bytes[at] = value;
+            std::fs::write(&path, bytes).unwrap();
+            if let Ok((restored, _)) = load(&path, &camera) {
+                prop_assert_eq!(restored.check(), Ok(()));
+            }
+        }
+
+        /// The checksum does not guard against a forged file: decode arbitrary payloads as well.
+        #[test]
+        fn forged_payloads_do_not_panic(payload in prop::collection::vec(any::<u8>(), 0..300)) {
+            if let Ok(record) = postcard::from_bytes::<MapRecord>(&payload)
+                && let Some((map, _)) = restore(&record) {
+                prop_assert_eq!(map.check(), Ok(()));
+            }
+        }
+    }
+}
