@@ -159,23 +159,23 @@ impl CameraInput {
     /// # Errors
     /// [`RosError`] when the middleware refuses.
     pub fn attach(self: &Arc<Self>, node: &mut Node) -> Result<(), RosError> {
-        let qos = Qos::images(self.config.qos);
-        let colour = if self.config.compressed_rgb {
-            let input = self.clone();
-            node.subscribe("rgb/image/compressed", qos, move |m| input.add_colour(ColourMessage::Compressed(m)))?
+        let (config, qos) = (&self.config, Qos::images(self.config.qos));
+        let input = self.clone();
+        let colour = if config.compressed_rgb {
+            let topic = format!("{}/compressed", config.rgb_topic);
+            node.subscribe(&topic, qos, move |m| input.add_colour(ColourMessage::Compressed(m)))?
         } else {
-            let input = self.clone();
-            node.subscribe("rgb/image", qos, move |m| input.add_colour(ColourMessage::Raw(m)))?
-        };
-        let depth = if self.config.compressed_depth {
-            let input = self.clone();
-            node.subscribe("depth/image/compressedDepth", qos, move |m| input.add_depth(DepthMessage::Compressed(m)))?
-        } else {
-            let input = self.clone();
-            node.subscribe("depth/image", qos, move |m| input.add_depth(DepthMessage::Raw(m)))?
+            node.subscribe(&config.rgb_topic, qos, move |m| input.add_colour(ColourMessage::Raw(m)))?
         };
         let input = self.clone();
-        let info = node.subscribe("rgb/camera_info", qos, move |m| input.set_camera(&m))?;
+        let depth = if config.compressed_depth {
+            let topic = format!("{}/compressedDepth", config.depth_topic);
+            node.subscribe(&topic, qos, move |m| input.add_depth(DepthMessage::Compressed(m)))?
+        } else {
+            node.subscribe(&config.depth_topic, qos, move |m| input.add_depth(DepthMessage::Raw(m)))?
+        };
+        let input = self.clone();
+        let info = node.subscribe(&config.camera_info_topic, qos, move |m| input.set_camera(&m))?;
         let mut state = self.lock();
         state.statistics = vec![colour, depth, info];
         state.graph = Some(node.graph().clone());

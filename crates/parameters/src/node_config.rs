@@ -46,6 +46,12 @@ pub struct NodeConfig {
     /// Networks to talk on: `auto` (what `ROS_AUTOMATIC_DISCOVERY_RANGE` or `ROS_LOCALHOST_ONLY` say, else loopback), `loopback`,
     /// `subnet` (all interfaces), or IP addresses of interfaces separated by commas.
     pub network: String,
+    /// Topic of the colour images. Names of topics are expanded and remapped like any other.
+    pub rgb_topic: String,
+    /// Topic of the depth images, which must be registered to the colour images.
+    pub depth_topic: String,
+    /// Topic of the colour camera's calibration.
+    pub camera_info_topic: String,
     /// Reliability with which images and camera_info are subscribed.
     pub qos: Reliability,
     /// Reliability with which `overlay` is published; some viewers ask for `reliable`.
@@ -55,12 +61,13 @@ pub struct NodeConfig {
     /// Largest difference between the stamps of a colour image and its depth image, seconds.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub sync_tolerance: f64,
-    /// Subscribe colour as `sensor_msgs/CompressedImage` (JPEG or PNG) on `rgb/image/compressed`.
+    /// Subscribe colour as `sensor_msgs/CompressedImage` (JPEG or PNG) on the colour topic with `/compressed` appended.
     pub compressed_rgb: bool,
-    /// Subscribe depth as `sensor_msgs/CompressedImage` (compressedDepth) on `depth/image/compressedDepth`.
+    /// Subscribe depth as `sensor_msgs/CompressedImage` (compressedDepth) on the depth topic with
+    /// `/compressedDepth` appended.
     pub compressed_depth: bool,
     /// How long tracking waits for the mask of an image before it goes on without, seconds. No waiting while nobody publishes
-    /// masks.
+    /// masks. With `queue: all`, which is to lose nothing, it waits for at least 10 s.
     #[schemars(range(min = 0.0, max = 60.0))]
     pub mask_timeout: f64,
     /// Whether to publish `/tf`; off when another node does.
@@ -87,6 +94,9 @@ impl Default for NodeConfig {
         Self {
             use_sim_time: false,
             network: "auto".into(),
+            rgb_topic: "rgb/image".into(),
+            depth_topic: "depth/image".into(),
+            camera_info_topic: "rgb/camera_info".into(),
             qos: Reliability::default(),
             overlay_qos: Reliability::default(),
             queue: Queue::default(),

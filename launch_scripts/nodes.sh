@@ -1,0 +1,31 @@
+# Sourced by replay.sh, realsense.sh and xtion.sh: finds the binaries, starts nodes, stops what it started.
+# shellcheck shell=bash
+set -euo pipefail
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+config=$here/config
+bin=${PFD_SLAM_BIN:-${CARGO_TARGET_DIR:-$here/target}/release}
+if [ ! -x "$bin/slam_node" ]; then
+  echo "no binaries in $bin: run \`cargo build --release -p pfd-slam-nodes\` first, or set PFD_SLAM_BIN" >&2
+  exit 1
+fi
+pids=()
+start() {
+  "$bin/$1" --ros-args "${@:2}" &
+  pids+=($!)
+}
+stop() {
+  trap - EXIT INT TERM
+  for pid in "${pids[@]}"; do kill -INT "$pid" 2>/dev/null || true; done
+  wait
+}
+trap stop EXIT
+trap 'stop; exit 130' INT TERM
+# start_slam CONFIG [ROS arguments]: one composed process, or with PFD_SLAM_SEPARATE=1 segmentation and tracking apart.
+start_slam() {
+  if [ "${PFD_SLAM_SEPARATE:-0}" = 1 ]; then
+    start segmentation_node --params-file "$1" "${@:2}"
+    start tracking_node --params-file "$1" "${@:2}"
+  else
+    start slam_node --params-file "$1" "${@:2}"
+  fi
+}
