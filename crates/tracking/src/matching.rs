@@ -37,7 +37,12 @@ const LEVEL_TOLERANCE: u8 = 1;
 
 /// Predicts where `point` appears; `None` outside the image, behind the camera, or seen from too different a direction.
 #[allow(non_snake_case)]
-pub fn predict(camera: &Camera, T_camera_world: &Pose, point: &MapPoint, config: &TrackingConfig) -> Option<Prediction> {
+pub fn predict(
+    camera: &Camera,
+    T_camera_world: &Pose,
+    point: &MapPoint,
+    config: &TrackingConfig,
+) -> Option<Prediction> {
     let in_camera = T_camera_world * point.position;
     let pixel = camera.project(&in_camera).filter(|p| camera.contains(p, 0.0))?;
     let centre = T_camera_world.inverse_transform_point(&Point3::origin());

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 
 use pfd_vision::features::Descriptor;
-use rand::seq::SliceRandom;
 use rand::SeedableRng;
+use rand::seq::SliceRandom;
 use rand_pcg::Pcg32;
 
 use crate::map::KeyframeId;

@@ -95,11 +95,8 @@ fn normal_equations(
         let Some(linear) = linearize(camera, T_camera_world, &observation.point, &observation.measured) else {
             continue;
         };
-        let kernel = if robust {
-            RobustKernel::Huber(observation.measured.huber_width())
-        } else {
-            RobustKernel::Quadratic
-        };
+        let kernel =
+            if robust { RobustKernel::Huber(observation.measured.huber_width()) } else { RobustKernel::Quadratic };
         let weighted = linear.by_pose.transpose() * kernel.weight(linear.residual.norm_squared());
         hessian += weighted * linear.by_pose;
         gradient += weighted * linear.residual;

@@ -118,7 +118,7 @@ mod tests {
             let evaluate = |parameters: SVector<Dual, 9>| {
                 let (xi, p) = parameters.as_slice().split_at(6);
                 let turned: [Dual; 3] = std::array::from_fn(|i| {
-                    &p[0] * rotation[(i, 0)] + &p[1] * rotation[(i, 1)] + &p[2] * rotation[(i, 2)]
+                    p[0].clone() * rotation[(i, 0)] + p[1].clone() * rotation[(i, 1)] + p[2].clone() * rotation[(i, 2)]
                         + pose.translation.vector[i]
                 });
                 let [x, y, z] = moved(xi, turned);

@@ -1,7 +1,7 @@
 //! What tracking returns.
 
 use nalgebra::{Matrix6, Point3};
-use pfd_geometry::{FrameError, Pose, Stamp, StageTimes};
+use pfd_geometry::{FrameError, Pose, StageTimes, Stamp};
 use pfd_vision::VisionError;
 
 /// A frame that could not be processed. The map is unchanged.
