@@ -1,6 +1,6 @@
 //! Rigid motions: SE(3) with its exponential and logarithm.
 
-use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 
 use crate::Stamp;
 
@@ -36,6 +36,26 @@ pub fn log(pose: &Pose) -> Vector6<f64> {
     let phi = pose.rotation.scaled_axis();
     let rho = inverse_left_jacobian(&phi) * pose.translation.vector;
     Vector6::new(rho.x, rho.y, rho.z, phi.x, phi.y, phi.z)
+}
+
+/// Adjoint of SE(3): `pose * exp(xi) * pose⁻¹ == exp(adjoint(pose) * xi)` (Barfoot, eq. 7.45, translation part first).
+pub fn adjoint(pose: &Pose) -> Matrix6<f64> {
+    let rotation = pose.rotation.to_rotation_matrix();
+    let mut matrix = Matrix6::zeros();
+    matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
+    matrix.fixed_view_mut::<3, 3>(0, 3).copy_from(&(skew(&pose.translation.vector) * rotation.matrix()));
+    matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(rotation.matrix());
+    matrix
+}
+
+/// Adjoint of the Lie algebra: `lie_bracket(a) * b == [a, b]` (Barfoot, eq. 7.16, translation part first).
+pub fn lie_bracket(xi: &Vector6<f64>) -> Matrix6<f64> {
+    let (rho, phi) = (skew(&Vector3::new(xi[0], xi[1], xi[2])), skew(&Vector3::new(xi[3], xi[4], xi[5])));
+    let mut matrix = Matrix6::zeros();
+    matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&phi);
+    matrix.fixed_view_mut::<3, 3>(0, 3).copy_from(&rho);
+    matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(&phi);
+    matrix
 }
 
 /// Left Jacobian of SO(3) (Barfoot, eq. 7.37).
@@ -99,6 +119,20 @@ mod tests {
         fn exp_of_negative_is_inverse(xi in twist()) {
             let identity = exp(&xi) * exp(&-xi);
             prop_assert!(log(&identity).norm() < 1e-9);
+        }
+
+        #[test]
+        fn adjoint_moves_a_twist_through_a_pose(xi in twist(), eta in twist()) {
+            let pose = exp(&eta);
+            let moved = pose * exp(&(xi * 0.1)) * pose.inverse();
+            prop_assert!((log(&moved) - adjoint(&pose) * xi * 0.1).norm() < 1e-8);
+        }
+
+        #[test]
+        fn lie_bracket_is_the_derivative_of_the_adjoint(xi in twist()) {
+            let step = 1e-6;
+            let numeric = (adjoint(&exp(&(xi * step))) - adjoint(&exp(&(xi * -step)))) / (2.0 * step);
+            prop_assert!((numeric - lie_bracket(&xi)).norm() < 1e-6);
         }
 
         #[test]

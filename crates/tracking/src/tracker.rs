@@ -13,6 +13,7 @@ use crate::bundle_adjustment::{self, BundleProblem, BundleResult};
 use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
 use crate::local_mapping;
+use crate::loop_closing;
 use crate::localization::{Localized, Localizer};
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
 use crate::map_file::{self, MapFileError};
@@ -38,6 +39,7 @@ pub struct Tracker {
     last_stamp: Option<Stamp>,
     active: Option<Active>,
     adjustment: Option<PendingAdjustment>,
+    loops: usize,
 }
 
 /// What is known while (and after) a map exists.
@@ -84,6 +86,7 @@ impl Tracker {
             last_stamp: None,
             active: None,
             adjustment: None,
+            loops: 0,
         })
     }
 
@@ -286,12 +289,34 @@ impl Tracker {
         let id = self.insert_keyframe(keyframe, &localized.matches);
         local_mapping::cull_points(&mut self.map, &self.config, &self.keyframe_order);
         self.cull_keyframes(id);
+        self.close_loop(id);
         let last_points = self.points_of(id);
         if let Some(active) = &mut self.active {
             active.reference = id;
             active.last_points = last_points;
         }
         self.start_adjustment(id);
+    }
+
+    /// Corrects the map when `newest` shows a place that was seen long ago.
+    fn close_loop(&mut self, newest: KeyframeId) {
+        if !self.config.places.loop_closing {
+            return;
+        }
+        let mut rng = self.rng.clone();
+        let found = loop_closing::detect(&self.localizer(), &self.places, &self.keyframe_order, newest, &mut rng);
+        self.rng = rng;
+        let Some(found) = found else { return };
+        loop_closing::close(&mut self.map, &self.camera, &self.config, &self.keyframe_order, &found);
+        self.loops += 1;
+        if let (Some(active), Some(keyframe)) = (&mut self.active, self.map.keyframe(newest)) {
+            active.motion.correct(keyframe.T_camera_world);
+        }
+    }
+
+    /// Loops closed since the start.
+    pub fn loops(&self) -> usize {
+        self.loops
     }
 
     fn insert_keyframe(&mut self, keyframe: Keyframe, matches: &[crate::matching::Match]) -> KeyframeId {

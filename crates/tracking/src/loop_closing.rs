@@ -1,0 +1,143 @@
+//! Recognising a place that was seen long ago, and correcting the map (Mur-Artal et al., T-RO 2015, section VII).
+
+use std::collections::BTreeMap;
+
+use pfd_geometry::{Camera, Pose, pose};
+use rand_pcg::Pcg32;
+
+use crate::config::TrackingConfig;
+use crate::local_mapping;
+use crate::localization::{Localized, Localizer};
+use crate::map::{KeyframeId, Map};
+use crate::places::PlaceIndex;
+use crate::pose_graph::{Edge, PoseGraph};
+
+/// A place seen twice.
+#[derive(Clone, Debug)]
+#[allow(non_snake_case)]
+pub(crate) struct Loop {
+    /// The new keyframe.
+    current: KeyframeId,
+    /// The keyframe that shows the same place.
+    earlier: KeyframeId,
+    /// Pose of the new keyframe by the map around the earlier one.
+    T_camera_world: Pose,
+}
+
+/// Candidates that are checked for each keyframe.
+const CANDIDATES: usize = 3;
+/// Shared points that make two keyframes neighbours in the pose graph (the essential graph of the paper).
+const ESSENTIAL_POINTS: usize = 50;
+/// Neighbours of both ends whose points are fused.
+const FUSED_NEIGHBOURS: usize = 8;
+/// Weight of the closing edge, in shared points, beside its inliers: it replaces many weak links.
+const CLOSING_WEIGHT: f64 = 2.0;
+
+/// Looks for an earlier visit of the place that `current` shows, among keyframes that share no points with it.
+pub(crate) fn detect(
+    localizer: &Localizer<'_>,
+    places: &PlaceIndex,
+    order: &[KeyframeId],
+    current: KeyframeId,
+    rng: &mut Pcg32,
+) -> Option<Loop> {
+    let keyframe = localizer.map.keyframe(current)?;
+    let config = &localizer.config.places;
+    let old = &order[..order.len().saturating_sub(config.min_loop_gap)];
+    let connected: Vec<_> = localizer.map.covisible(current).into_iter().map(|(id, _)| id).collect();
+    let scores = places.query(keyframe.features.descriptors());
+    // A loop candidate must look at least as similar as the least similar neighbour.
+    let neighbours = connected.iter().take(FUSED_NEIGHBOURS);
+    let score_of = |id: &KeyframeId| scores.iter().find(|(other, _)| other == id).map_or(0.0, |(_, score)| *score);
+    let least = neighbours.map(score_of).fold(f64::INFINITY, f64::min);
+    scores
+        .iter()
+        .filter(|(id, score)| *score >= least && old.contains(id) && !connected.contains(id))
+        .take(CANDIDATES)
+        .find_map(|(earlier, _)| {
+            let located = localizer.locate_by_keyframe(&keyframe.features, *earlier, rng)?;
+            let refined = settle(localizer, current, &located)?;
+            Some(Loop { current, earlier: *earlier, T_camera_world: refined.T_camera_world })
+        })
+}
+
+/// Refines the pose with all points around the earlier keyframe; `None` without enough support.
+fn settle(localizer: &Localizer<'_>, current: KeyframeId, first: &Localized) -> Option<Localized> {
+    let features = &localizer.map.keyframe(current)?.features;
+    let matching = &localizer.config.matching;
+    let wide = localizer.in_local_map(features, first, matching.motion_radius)?;
+    let settled = localizer.in_local_map(features, &wide, matching.local_map_radius)?;
+    (settled.matches.len() >= localizer.config.places.min_inliers).then_some(settled)
+}
+
+/// Corrects the map: pose graph over all keyframes, points moved along, both ends fused.
+pub(crate) fn close(map: &mut Map, camera: &Camera, config: &TrackingConfig, order: &[KeyframeId], found: &Loop) {
+    let corrected = optimize_graph(map, order, found);
+    move_map(map, &corrected);
+    let around = |map: &Map, id| -> Vec<KeyframeId> {
+        let neighbours = map.covisible(id).into_iter().take(FUSED_NEIGHBOURS).map(|(id, _)| id);
+        std::iter::once(id).chain(neighbours).collect()
+    };
+    let (here, there) = (around(map, found.current), around(map, found.earlier));
+    for &a in &here {
+        for &b in &there {
+            local_mapping::fuse(map, camera, config, a, b);
+            local_mapping::fuse(map, camera, config, b, a);
+        }
+    }
+}
+
+/// New poses for all keyframes.
+#[allow(non_snake_case)]
+fn optimize_graph(map: &Map, order: &[KeyframeId], found: &Loop) -> BTreeMap<KeyframeId, Pose> {
+    let nodes: Vec<_> = order.iter().filter_map(|id| Some((*id, map.keyframe(*id)?.T_camera_world))).collect();
+    let index: BTreeMap<_, _> = nodes.iter().enumerate().map(|(i, (id, _))| (*id, i)).collect();
+    let mut graph = PoseGraph { poses: nodes.iter().map(|(_, pose)| *pose).collect(), edges: Vec::new() };
+    let relative = |graph: &PoseGraph, a: usize, b: usize| graph.poses[a] * graph.poses[b].inverse();
+    for (b, (id, _)) in nodes.iter().enumerate() {
+        let shared = map.covisible(*id);
+        let strong = shared.iter().filter(|(_, points)| *points >= ESSENTIAL_POINTS);
+        let mut linked: BTreeMap<usize, usize> =
+            strong.filter_map(|(other, points)| Some((*index.get(other)?, *points))).filter(|(a, _)| *a < b).collect();
+        if let Some(before) = b.checked_sub(1) {
+            // The chain in time keeps the graph connected.
+            linked.entry(before).or_insert(1);
+        }
+        for (a, points) in linked {
+            graph.edges.push(Edge { a, b, T_a_b: relative(&graph, a, b), weight: points as f64 });
+        }
+    }
+    if let (Some(&a), Some(&b)) = (index.get(&found.earlier), index.get(&found.current)) {
+        let T_a_b = graph.poses[a] * found.T_camera_world.inverse();
+        let strongest = graph.edges.iter().map(|e| e.weight).fold(1.0, f64::max);
+        graph.edges.push(Edge { a, b, T_a_b, weight: CLOSING_WEIGHT * strongest });
+    }
+    graph.optimize();
+    nodes.iter().map(|(id, _)| *id).zip(graph.poses).filter(|(_, pose)| pose::is_finite(pose)).collect()
+}
+
+/// Moves keyframes to their new poses and every point with the keyframe that saw it first.
+fn move_map(map: &mut Map, corrected: &BTreeMap<KeyframeId, Pose>) {
+    let moved = |map: &Map, id: &KeyframeId| {
+        let (old, new) = (map.keyframe(*id)?.T_camera_world, corrected.get(id)?);
+        Some(new.inverse() * old)
+    };
+    let points: Vec<_> = map
+        .points()
+        .filter_map(|(id, point)| {
+            let motion = moved(map, &point.observations().first()?.keyframe)?;
+            Some((id, motion * point.position))
+        })
+        .collect();
+    for (id, pose) in corrected {
+        if let Some(keyframe) = map.keyframe_mut(*id) {
+            keyframe.T_camera_world = *pose;
+        }
+    }
+    for (id, position) in points {
+        if let Some(point) = map.point_mut(id) {
+            point.position = position;
+        }
+        map.update_point(id);
+    }
+}
