@@ -46,12 +46,15 @@ pub(crate) fn write(out: &Path, summary: &Summary, errors: &Errors, outcome: &Ou
     summary.write(&out.join("report.json"))?;
     let page =
         RunPage { summary, errors, trajectory: &outcome.trajectory, frames: &outcome.rows, samples: &outcome.samples };
-    Ok(page.write(&out.join("report.html"))?)
+    page.write(&out.join("report.html"))?;
+    Ok(page.write_picture(&out.join("picture.svg"))?)
 }
 
 /// Prints the key figures.
 pub(crate) fn print(summary: &Summary, out: &Path) -> anyhow::Result<()> {
-    output::print(&(text(summary) + &format!("report: {}\n", out.join("report.html").display())))
+    let files =
+        format!("report: {}\npicture: {}\n", out.join("report.html").display(), out.join("picture.svg").display());
+    output::print(&(text(summary) + &files))
 }
 
 fn text(s: &Summary) -> String {

@@ -86,6 +86,8 @@ pub(crate) fn run(job: &Job<'_>, progress: &Progress) -> anyhow::Result<Outcome>
         outcome.add(&output);
     }
     video.map(Video::finish).transpose()?;
+    // Segmentation before tracking, each in its own order.
+    outcome.stages.sort_by(|(a, _), (b, _)| part(a).cmp(part(b)));
     anyhow::ensure!(!outcome.rows.is_empty(), "{}: no frame could be read", job.sequence.folder().display());
     pipeline.finish();
     let tracker = pipeline.tracker();
@@ -113,6 +115,11 @@ impl Outcome {
             }
         }
     }
+}
+
+/// The part of the pipeline that a stage belongs to.
+fn part(stage: &str) -> &str {
+    stage.split(':').next().unwrap_or_default()
 }
 
 fn row(output: &PipelineOutput) -> FrameRow {

@@ -7,6 +7,7 @@ pub mod figures;
 pub mod frames;
 pub mod html;
 pub mod page;
+pub mod picture;
 pub mod plot;
 pub mod published;
 pub mod sample;

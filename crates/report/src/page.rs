@@ -32,6 +32,15 @@ impl RunPage<'_> {
         crate::error::write(path, self.html()?)
     }
 
+    /// Writes one picture: the sample frame in which most is masked, beside the trajectory. Nothing without samples.
+    ///
+    /// # Errors
+    /// When the plot cannot be drawn or the file not be written.
+    pub fn write_picture(&self, path: &Path) -> Result<(), ReportError> {
+        let Some(sample) = self.samples.iter().max_by(|a, b| a.masked.total_cmp(&b.masked)) else { return Ok(()) };
+        crate::error::write(path, crate::picture::svg(self.summary, self.errors, self.trajectory, sample)?)
+    }
+
     /// The text of the page.
     ///
     /// # Errors

@@ -9,7 +9,7 @@ use pfd_geometry::{Mask, RgbImage, Stamp};
 use crate::ReportError;
 
 /// Width in pixels of the images in a page.
-const SAMPLE_WIDTH: u32 = 400;
+const SAMPLE_WIDTH: u32 = 480;
 const JPEG_QUALITY: u8 = 82;
 /// Colour of what moves, and how strongly it covers the image.
 const MASK_COLOUR: [u8; 3] = [255, 64, 32];
@@ -20,6 +20,8 @@ const MASK_OPACITY: f32 = 0.5;
 pub struct Sample {
     /// Stamp of the frame.
     pub stamp: Stamp,
+    /// Share of the image that is masked, 0 to 1.
+    pub masked: f64,
     /// Line under the image.
     pub caption: String,
     /// The image, JPEG.
@@ -38,7 +40,7 @@ impl Sample {
         let reduced = image::imageops::resize(&full, SAMPLE_WIDTH, reduced_height, FilterType::Triangle);
         let mut jpeg = Vec::new();
         JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&reduced)?;
-        Ok(Self { stamp, caption, jpeg })
+        Ok(Self { stamp, masked: mask.fraction(), caption, jpeg })
     }
 
     /// The image as a URI that needs no file.

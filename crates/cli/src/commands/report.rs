@@ -43,6 +43,7 @@ pub(crate) fn run(arguments: &ReportArguments) -> anyhow::Result<()> {
     let page =
         RunPage { summary: &summary, errors: &errors, trajectory: &trajectory, frames: &rows, samples: &samples };
     page.write(&directory.join("report.html"))?;
+    page.write_picture(&directory.join("picture.svg"))?;
     results::print(&summary, directory)
 }
 

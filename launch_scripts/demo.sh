@@ -1,0 +1,147 @@
+#!/usr/bin/env bash
+# Builds everything, replays a sequence through the ROS 2 nodes as separate processes, and reports how well the camera was
+# tracked: demo.sh [SEQUENCE] [--out DIR] [--composed]
+#   SEQUENCE    folder in TUM layout or its .tgz; default: the bundled one
+#   --out DIR   folder for the results; default: out/demo-SEQUENCE
+#   --composed  segmentation and tracking in one process (slam_node)
+# ROS_DOMAIN_ID, where set, is used; otherwise the demo takes one of its own. Everything stays on the loopback interface.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$root"
+
+fail() {
+    echo "demo.sh: $*" >&2
+    exit 1
+}
+
+usage() {
+    sed -n '2,8s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
+    exit "$1"
+}
+
+read_arguments() {
+    sequence=$root/tests/data/composite-demo out='' composed=0
+    while [ $# -gt 0 ]; do
+        case $1 in
+            --out) out=${2:?--out needs a folder} && shift ;;
+            --composed) composed=1 ;;
+            -h | --help) usage 0 ;;
+            -*) usage 2 >&2 ;;
+            *) sequence=$1 ;;
+        esac
+        shift
+    done
+    sequence=$(realpath -e "$sequence") || fail "no such sequence"
+    local name
+    name=$(basename "$sequence")
+    out=$(realpath -m "${out:-out/demo-${name%.tgz}}")
+}
+
+# Images over UDP need room in the kernel's receive buffer.
+check_receive_buffer() {
+    local needed=4194304 have
+    have=$(sysctl -n net.core.rmem_max 2>/dev/null) || return 0
+    [ "$have" -ge $needed ] && return 0
+    if [ "$(id -u)" -eq 0 ] && sysctl -q -w net.core.rmem_max=$needed 2>/dev/null; then
+        echo "net.core.rmem_max was $have bytes, too few for images: set to $needed until the next start."
+    else
+        echo "net.core.rmem_max is $have bytes: images will be lost. Run: sudo sysctl -w net.core.rmem_max=$needed" >&2
+    fi
+}
+
+build() {
+    export PATH="$PATH:${HOME:-/}/.cargo/bin"
+    echo "Building (a few minutes the first time) ..."
+    cargo build --release --locked -p pfd-slam-nodes -p pfd-slam
+    bin=${CARGO_TARGET_DIR:-$root/target}/release
+}
+
+pids=()
+
+stop_all() {
+    trap - EXIT INT TERM
+    local pid
+    for pid in "${pids[@]}"; do kill -INT "$pid" 2>/dev/null || true; done
+    # A node that does not end by itself is ended.
+    (sleep 10 && kill -KILL "${pids[@]}" 2>/dev/null) &
+    local killer=$!
+    for pid in "${pids[@]}"; do wait "$pid" 2>/dev/null || true; done
+    kill "$killer" 2>/dev/null || true
+}
+
+start() { # NAME ARGUMENT...: starts a node with its log in the results
+    local name=$1
+    shift
+    "$bin/$name" --ros-args --params-file config/replay.yaml "$@" >"$out/$name.log" 2>&1 &
+    pids+=($!)
+}
+
+start_nodes() {
+    if [ "$composed" = 1 ]; then
+        start slam_node -p trajectory_file:="$out/trajectory.txt" -p frames_file:="$out/frames.csv" \
+            -p mask_directory:="$out/masks"
+    else
+        start segmentation_node -p frames_file:="$out/segmentation.csv" -p mask_directory:="$out/masks"
+        start tracking_node -p trajectory_file:="$out/trajectory.txt" -p frames_file:="$out/frames.csv"
+    fi
+    nodes=("${pids[@]}")
+    start bag_replay_node -p sequence:="$sequence" -p wait_for_subscribers:=${#nodes[@]}
+    replay=${pids[-1]}
+}
+
+masks() { find "$out/masks" -name '*.png' 2>/dev/null | wc -l; }
+
+show_progress() {
+    if [ -t 1 ]; then printf '\r%s frames segmented ' "$(masks)"; fi
+}
+
+check_alive() {
+    local pid
+    for pid in "${nodes[@]}"; do
+        kill -0 "$pid" 2>/dev/null || fail "a node ended early: $(tail -qn 1 "$out"/*_node.log)"
+    done
+}
+
+# The replay has ended; what is still queued in the nodes is worked off.
+wait_until_idle() {
+    local before=-1 now
+    now=$(masks)
+    while [ "$before" != "$now" ]; do
+        before=$now
+        sleep 2
+        now=$(masks)
+        show_progress
+    done
+}
+
+stop_nodes() {
+    local pid
+    for pid in "${nodes[@]}"; do kill -INT "$pid"; done
+    for pid in "${nodes[@]}"; do
+        wait "$pid" || fail "a node did not end well: $(tail -qn 1 "$out"/*_node.log)"
+    done
+    pids=()
+}
+
+read_arguments "$@"
+launch_scripts/install_dependencies.sh
+check_receive_buffer
+build
+trap stop_all EXIT
+trap 'stop_all; exit 130' INT
+trap 'stop_all; exit 143' TERM
+rm -rf "$out/masks"
+mkdir -p "$out"
+export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((RANDOM % 90 + 10))} ROS_LOCALHOST_ONLY=1
+start_nodes
+echo "Replaying $sequence at its own rate (ROS_DOMAIN_ID $ROS_DOMAIN_ID) ..."
+while kill -0 "$replay" 2>/dev/null; do
+    show_progress
+    check_alive
+    sleep 0.5
+done
+wait "$replay" || fail "the replay failed: $(tail -n 1 "$out/bag_replay_node.log")"
+wait_until_idle
+if [ -t 1 ]; then echo; fi
+stop_nodes
+"$bin/pfd-slam" report "$sequence" "$out" --config config/replay.yaml

@@ -1,0 +1,244 @@
+//! The command line as a user calls it.
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use pfd_tests::{bundled_sequence, programs, repository};
+use serde_json::Value;
+
+/// Enough frames for a map, few enough for a test.
+const FRAMES: &str = "12";
+
+fn pfd_slam(arguments: &[&str]) -> Output {
+    programs::pfd_slam().unwrap().args(arguments).output().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn run_bundled(out: &Path, more: &[&str]) -> Output {
+    let sequence = bundled_sequence();
+    let arguments = ["run", text(&sequence), "--out", text(out), "--max-frames", FRAMES];
+    pfd_slam(&[&arguments[..], more].concat())
+}
+
+fn assert_success(output: &Output) {
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Exit status 1, one line on stderr, which names what is at fault.
+fn assert_fails_naming(output: &Output, part: &str) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert_eq!(stderr.lines().count(), 1, "{stderr}");
+    assert!(stderr.contains(part), "{stderr}");
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn run_writes_the_documented_files() {
+    let out = tempfile::tempdir().unwrap();
+    let video = out.path().join("v.avi");
+    assert_success(&run_bundled(out.path(), &["--save-masks", "--seed", "7", "--video", text(&video)]));
+    let report = json(&out.path().join("report.json"));
+    assert_eq!((report["frames"].as_u64(), report["seed"].as_u64()), (Some(12), Some(7)));
+    assert_eq!(report["mode"], "pfd");
+    for field in ["rmse", "mean", "median", "std", "min", "max", "pairs"] {
+        assert!(report["ate"][field].is_number(), "ate.{field}");
+    }
+    for part in ["segmentation", "tracking", "total"] {
+        assert!(report["timing_ms"][part]["p99"].as_f64().unwrap() > 0.0, "{part}");
+    }
+    assert!(report["config"]["segmentation"].is_object());
+    assert_eq!(report["rpe_translation"], Value::Null, "the run is shorter than a second");
+    let frames = std::fs::read_to_string(out.path().join("frames.csv")).unwrap();
+    assert_eq!(frames.lines().count(), 13);
+    assert!(
+        frames.starts_with("stamp,state,segmentation_ms,tracking_ms,total_ms,features,inliers,mask_fraction,objects\n")
+    );
+    assert_eq!(std::fs::read_dir(out.path().join("masks")).unwrap().count(), 12);
+    assert!(out.path().join("masks/1305031104.175424.png").exists());
+    for file in ["trajectory.txt", "trajectory_live.txt", "keyframe_trajectory.txt", "picture.svg", "v.avi"] {
+        assert!(out.path().join(file).metadata().unwrap().len() > 0, "{file}");
+    }
+    let page = std::fs::read_to_string(out.path().join("report.html")).unwrap();
+    assert!(page.matches("<svg").count() >= 6 && page.contains("data:image/jpeg;base64"));
+    assert!(!page.contains("src=\"http") && !page.contains("<script"));
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes() {
+    let (first, second) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    for out in [&first, &second] {
+        assert_success(&run_bundled(out.path(), &["--save-masks"]));
+    }
+    let names = |out: &Path| {
+        let mut names: Vec<PathBuf> = std::fs::read_dir(out.join("masks"))
+            .unwrap()
+            .map(|e| Path::new("masks").join(e.unwrap().file_name()))
+            .collect();
+        names.sort();
+        names
+    };
+    assert_eq!(names(first.path()), names(second.path()));
+    let trajectories = ["trajectory.txt", "trajectory_live.txt", "keyframe_trajectory.txt"].map(PathBuf::from);
+    for name in names(first.path()).iter().chain(&trajectories) {
+        let bytes = |out: &Path| std::fs::read(out.join(name)).unwrap();
+        assert!(bytes(first.path()) == bytes(second.path()), "{} differs", name.display());
+    }
+}
+
+#[test]
+fn every_mode_runs() {
+    for mode in ["paper", "single", "flow", "none"] {
+        let out = tempfile::tempdir().unwrap();
+        assert_success(&run_bundled(out.path(), &["--mode", mode]));
+        assert_eq!(json(&out.path().join("report.json"))["mode"], mode);
+    }
+}
+
+#[test]
+fn given_masks_replace_segmentation() {
+    let out = tempfile::tempdir().unwrap();
+    let truth = bundled_sequence().join("mask");
+    assert_success(&run_bundled(out.path(), &["--masks", text(&truth), "--save-masks"]));
+    let masks = out.path().join("masks");
+    let judged = pfd_slam(&["eval-masks", text(&masks), text(&truth), "--json"]);
+    let scores: Value = serde_json::from_slice(&judged.stdout).unwrap();
+    assert_eq!((scores["frames"].as_u64(), scores["missing"].as_u64()), (Some(12), Some(130)));
+    assert_eq!(scores["pixels"]["iou"], 1.0);
+    assert_eq!(scores["static_masked"]["max"], 0.0);
+    let missing = pfd_slam(&["eval-masks", text(out.path()), text(&truth)]);
+    assert_fails_naming(&missing, "no PNG images");
+}
+
+#[test]
+fn wrong_usage_is_status_2() {
+    for arguments in [&["frobnicate"][..], &["run"], &["run", "x", "--out", "y", "--mode", "best"], &["eval", "x"]] {
+        assert_eq!(pfd_slam(arguments).status.code(), Some(2), "{arguments:?}");
+    }
+}
+
+#[test]
+fn errors_name_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let missing = folder.path().join("no-such-sequence");
+    assert_fails_naming(&pfd_slam(&["run", text(&missing), "--out", text(&out)]), "no-such-sequence");
+    let config = folder.path().join("bad.yaml");
+    std::fs::write(&config, "/**:\n  ros__parameters:\n    tracking:\n      no_such_key: 1\n").unwrap();
+    let output = run_bundled(&out, &["--config", text(&config)]);
+    assert_fails_naming(&output, "bad.yaml");
+    assert_fails_naming(&output, "no_such_key");
+    let truth = bundled_sequence().join("groundtruth.txt");
+    let estimate = folder.path().join("estimate.txt");
+    std::fs::write(&estimate, "1.0 0 0 0 0 0 0 1\n2.0 0 0 x 0 0 0 1\n").unwrap();
+    assert_fails_naming(&pfd_slam(&["eval", text(&truth), text(&estimate)]), "estimate.txt:2: tz `x`");
+    std::fs::write(&estimate, "1.0 0 0 0 0 0 0 1\n").unwrap();
+    assert_fails_naming(&pfd_slam(&["eval", text(&truth), text(&estimate)]), "same recording");
+}
+
+/// Copies the first `count` frames of the bundled sequence.
+fn copy_frames(target: &Path, count: usize) -> Vec<String> {
+    let source = bundled_sequence();
+    let mut colour = Vec::new();
+    for (list, folder) in [("rgb.txt", "rgb"), ("depth.txt", "depth")] {
+        std::fs::create_dir_all(target.join(folder)).unwrap();
+        let lines = std::fs::read_to_string(source.join(list)).unwrap();
+        let kept: Vec<&str> = lines.lines().filter(|l| !l.starts_with('#')).take(count).collect();
+        for file in kept.iter().map(|l| l.split_whitespace().nth(1).unwrap()) {
+            std::fs::copy(source.join(file), target.join(file)).unwrap();
+            if folder == "rgb" {
+                colour.push(file.to_owned());
+            }
+        }
+        std::fs::write(target.join(list), kept.join("\n")).unwrap();
+    }
+    colour
+}
+
+#[test]
+fn a_broken_image_is_skipped_and_a_missing_camera_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    let colour = copy_frames(&sequence, 6);
+    assert_fails_naming(&pfd_slam(&["run", text(&sequence), "--out", text(&out)]), "the camera is not known");
+    std::fs::copy(bundled_sequence().join("calib.yaml"), sequence.join("calib.yaml")).unwrap();
+    std::fs::write(sequence.join(&colour[2]), b"broken").unwrap();
+    let output = pfd_slam(&["run", text(&sequence), "--out", text(&out)]);
+    assert_success(&output);
+    assert!(String::from_utf8_lossy(&output.stderr).contains(&colour[2]));
+    let report = json(&out.join("report.json"));
+    assert_eq!((report["skipped"].as_u64(), report["frames"].as_u64()), (Some(1), Some(5)));
+    assert_eq!(report["ate"], Value::Null, "there is no ground truth");
+}
+
+#[test]
+fn bench_makes_tables_and_goes_on_where_it_stopped() {
+    let out = tempfile::tempdir().unwrap();
+    let sequence = bundled_sequence();
+    let bench = || {
+        let modes = ["--modes", "none,given", "--runs", "2", "--max-frames", "4"];
+        pfd_slam(&[&["bench", text(&sequence), "--out", text(out.path())][..], &modes].concat())
+    };
+    assert_success(&bench());
+    let run = out.path().join("runs/composite-demo/none/1/report.json");
+    let written = || run.metadata().unwrap().modified().unwrap();
+    let before = written();
+    assert_success(&bench());
+    assert_eq!(written(), before, "a finished run was run again");
+    let table = std::fs::read_to_string(out.path().join("bench.md")).unwrap();
+    assert!(table.contains("| sequence | none | given |") && table.contains("| composite-demo |"), "{table}");
+    assert!(table.contains("ORB-SLAM3"), "known sequences stand beside known figures");
+    assert_eq!(std::fs::read_to_string(out.path().join("bench.csv")).unwrap().lines().count(), 5);
+    assert_eq!(json(&out.path().join("bench.json")).as_array().unwrap().len(), 4);
+    assert!(std::fs::read_to_string(out.path().join("bench.html")).unwrap().contains("What none takes to move"));
+}
+
+#[test]
+fn config_prints_what_it_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let printed = pfd_slam(&["config", "--set", "seed=5"]);
+    assert_success(&printed);
+    let file = folder.path().join("printed.yaml");
+    std::fs::write(&file, &printed.stdout).unwrap();
+    let again = pfd_slam(&["config", "--config", text(&file)]);
+    assert_success(&again);
+    assert_eq!(String::from_utf8(again.stdout).unwrap(), String::from_utf8(printed.stdout).unwrap());
+}
+
+#[test]
+fn shipped_configurations_are_accepted() {
+    for entry in std::fs::read_dir(repository().join("config")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "yaml") {
+            let output = pfd_slam(&["config", "--config", text(&path)]);
+            assert!(output.status.success(), "{}: {}", path.display(), String::from_utf8_lossy(&output.stderr));
+        }
+    }
+}
+
+/// evo's programs read our files and the ground truth as they are.
+#[test]
+fn evo_opens_our_trajectories() {
+    let Some(python) = programs::python_with("evo") else { return };
+    let out = tempfile::tempdir().unwrap();
+    assert_success(&run_bundled(out.path(), &["--mode", "none"]));
+    let (truth, estimate) = (bundled_sequence().join("groundtruth.txt"), out.path().join("trajectory.txt"));
+    for arguments in [
+        vec!["evo.main_traj", "tum", text(&estimate), "--ref", text(&truth), "--align"],
+        vec!["evo.main_ape", "tum", text(&truth), text(&estimate), "--align"],
+        vec!["evo.main_rpe", "tum", text(&truth), text(&estimate), "--delta", "5", "--delta_unit", "f"],
+    ] {
+        let launch = format!(
+            "from evo import entry_points; from {0} import parser, run; run(parser().parse_args())",
+            arguments[0]
+        );
+        let output = std::process::Command::new(&python).arg("-c").arg(launch).args(&arguments[1..]).output().unwrap();
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}

@@ -1,0 +1,192 @@
+//! What tracking does when the camera misbehaves, on the bundled frames with their ground-truth masks.
+
+use pfd_dataset::Sequence;
+use pfd_geometry::{DepthImage, Image, Mask, RgbdFrame, Stamp, StampedPose, pose};
+use pfd_tests::bundled_sequence;
+use pfd_tracking::{TrackedFrame, Tracker, TrackingConfig, TrackingError, TrackingState};
+
+/// Error allowed after a disturbance, metres: twice the goal for the undisturbed sequence.
+const DISTURBED_ATE: f64 = 0.024;
+
+struct Run {
+    sequence: Sequence,
+    tracker: Tracker,
+    live: Vec<StampedPose>,
+    /// Seconds added to the stamps of the frames.
+    delay: f64,
+}
+
+impl Run {
+    fn new() -> Self {
+        let sequence = Sequence::open(&bundled_sequence()).unwrap();
+        let tracker = Tracker::new(sequence.camera().unwrap(), &TrackingConfig::default(), 0).unwrap();
+        Self { sequence, tracker, live: Vec::new(), delay: 0.0 }
+    }
+
+    fn frame(&self, i: usize) -> RgbdFrame {
+        let frame = self.sequence.frame(i).unwrap();
+        RgbdFrame::new(frame.stamp().offset_by(self.delay), frame.rgb().clone(), frame.depth().clone()).unwrap()
+    }
+
+    fn mask(&self, i: usize) -> Mask {
+        let name = self.sequence.pair(i).rgb_path.with_extension("png");
+        let path = bundled_sequence().join("mask").join(name.file_name().unwrap());
+        Mask::from_image(pfd_dataset::images::read_gray(&path).unwrap())
+    }
+
+    fn track(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> TrackedFrame {
+        let tracked = self.tracker.track(frame, mask).unwrap();
+        if let Some(pose) = tracked.T_world_camera {
+            assert!(pose::is_finite(&pose));
+            let stamp = tracked.stamp.offset_by(-self.delay);
+            self.live.push(StampedPose { stamp, pose });
+        }
+        self.tracker.map().check().unwrap();
+        tracked
+    }
+
+    fn play(&mut self, frames: impl Iterator<Item = usize>) -> Vec<TrackingState> {
+        frames
+            .map(|i| {
+                let (frame, mask) = (self.frame(i), self.mask(i));
+                self.track(&frame, Some(&mask)).state
+            })
+            .collect()
+    }
+
+    fn blank(&mut self, count: usize) -> Vec<TrackingState> {
+        let (width, height) = self.frame(0).rgb().size();
+        let last = self.live.last().unwrap().stamp.offset_by(self.delay);
+        (1..=count)
+            .map(|i| {
+                let stamp = last.offset_by(i as f64 / 30.0);
+                let depth = DepthImage::from_metres(Image::filled(width, height, 0.0));
+                let black = RgbdFrame::new(stamp, Image::filled(width, height, [0; 3]), depth).unwrap();
+                self.track(&black, None).state
+            })
+            .collect()
+    }
+
+    fn ate(&self) -> f64 {
+        pfd_evaluation::ate(self.sequence.ground_truth().unwrap(), &self.live).unwrap().statistics.rmse
+    }
+}
+
+#[test]
+fn a_covered_lens_is_lost_and_found_again() {
+    let mut run = Run::new();
+    run.play(0..60);
+    let (keyframes, points) = (run.tracker.map().keyframe_count(), run.tracker.map().point_count());
+    let states = run.blank(150);
+    assert!(states.iter().all(|s| *s == TrackingState::Lost), "five seconds of darkness have no pose");
+    assert!(run.tracker.map().keyframe_count() <= keyframes && run.tracker.map().point_count() <= points);
+    run.delay = 150.0 / 30.0;
+    let states = run.play(60..120);
+    let found = states.iter().position(|s| *s == TrackingState::Relocalized).unwrap();
+    assert!(found < 60, "found after {found} frames");
+    assert!(states[found + 1..].iter().all(|s| *s == TrackingState::Ok));
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
+#[test]
+fn every_third_frame_is_enough() {
+    let mut run = Run::new();
+    let states = run.play((0..140).step_by(3));
+    assert!(states.iter().all(|s| *s == TrackingState::Ok), "{states:?}");
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
+#[test]
+fn repeated_and_reordered_stamps_are_refused_and_leave_the_map_alone() {
+    let mut run = Run::new();
+    run.play(0..10);
+    let (keyframes, points) = (run.tracker.map().keyframe_count(), run.tracker.map().point_count());
+    for i in [9, 3] {
+        let frame = run.frame(i);
+        assert!(matches!(run.tracker.track(&frame, None), Err(TrackingError::OutOfOrder { .. })));
+    }
+    assert_eq!((run.tracker.map().keyframe_count(), run.tracker.map().point_count()), (keyframes, points));
+    assert_eq!(run.play(10..12), [TrackingState::Ok; 2]);
+}
+
+#[test]
+fn without_depth_tracking_goes_on_and_adds_no_points() {
+    let mut run = Run::new();
+    run.play(0..20);
+    let before = run.tracker.map().point_count();
+    for i in 20..35 {
+        let frame = run.frame(i);
+        let depth = DepthImage::from_metres(Image::filled(640, 480, 0.0));
+        let mask = run.mask(i);
+        let blind = RgbdFrame::new(frame.stamp(), frame.rgb().clone(), depth).unwrap();
+        assert_eq!(run.track(&blind, Some(&mask)).state, TrackingState::Ok, "frame {i}");
+    }
+    assert!(run.tracker.map().point_count() <= before);
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
+/// A mask that covers the given share of the image from the left.
+fn curtain(share: f64) -> Mask {
+    let mut mask = Mask::empty(640, 480);
+    for v in 0..480 {
+        for u in 0..(640.0 * share) as usize {
+            mask.set(u, v, true);
+        }
+    }
+    mask
+}
+
+#[test]
+fn a_mask_that_covers_nearly_everything_does_not_stop_tracking() {
+    for share in [0.6, 0.8, 0.95, 1.0] {
+        let mut run = Run::new();
+        run.play(0..30);
+        let mask = curtain(share);
+        for i in 30..60 {
+            let frame = run.frame(i);
+            assert_eq!(run.track(&frame, Some(&mask)).state, TrackingState::Ok, "frame {i} with {share}");
+        }
+        assert!(run.ate() < DISTURBED_ATE, "ATE {} with {share}", run.ate());
+    }
+}
+
+#[test]
+fn same_input_same_poses() {
+    let trajectory = || {
+        let mut run = Run::new();
+        run.play(0..60);
+        run.tracker.finish();
+        (run.live, run.tracker.trajectory())
+    };
+    assert!(trajectory() == trajectory());
+}
+
+#[test]
+fn a_saved_map_is_recognised_and_left_as_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("desk.map");
+    let mut first = Run::new();
+    first.play(0..100);
+    first.tracker.finish();
+    first.tracker.save_map(&path).unwrap();
+    let mut second = Run::new();
+    let mut config = TrackingConfig::default();
+    config.mapping.enabled = false;
+    second.tracker = Tracker::new(second.sequence.camera().unwrap(), &config, 0).unwrap();
+    second.tracker.load_map(&path).unwrap();
+    let states = second.play(50..90);
+    assert_eq!(states[0], TrackingState::Relocalized);
+    assert!(states[1..].iter().all(|s| *s == TrackingState::Ok));
+    assert_eq!(second.tracker.map().keyframe_count(), first.tracker.map().keyframe_count());
+    assert!(second.ate() < DISTURBED_ATE, "ATE {}", second.ate());
+}
+
+#[test]
+fn a_wrong_size_is_a_typed_error() {
+    let mut run = Run::new();
+    let depth = DepthImage::from_metres(Image::filled(320, 240, 1.0));
+    let small = RgbdFrame::new(Stamp::from_nanos(1), Image::filled(320, 240, [9; 3]), depth).unwrap();
+    assert!(matches!(run.tracker.track(&small, None), Err(TrackingError::Frame(_))));
+    let (frame, mask) = (run.frame(0), Mask::empty(320, 240));
+    assert!(matches!(run.tracker.track(&frame, Some(&mask)), Err(TrackingError::Vision(_))));
+}
