@@ -261,3 +261,135 @@ pub fn apply(map: &mut Map, result: &BundleResult) {
         map.update_point(*id);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image_features::ImageFeatures;
+    use crate::map::{Keyframe, Observation};
+    use nalgebra::{Point2, Vector3, Vector6};
+    use pfd_geometry::{Distortion, Stamp};
+    use pfd_vision::features::{Descriptor, Feature};
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg32;
+
+    const VIEWS: usize = 5;
+    const POINTS: usize = 80;
+
+    fn camera() -> Camera {
+        Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap()
+    }
+
+    /// World to camera of view `i`: a sideways motion with some rotation.
+    fn true_pose(i: usize) -> Pose {
+        let s = i as f64;
+        pose::exp(&Vector6::new(-0.1 * s, 0.02 * s, 0.03 * s, 0.01 * s, 0.04 * s, -0.01 * s))
+    }
+
+    fn true_points() -> Vec<Point3<f64>> {
+        let mut rng = Pcg32::seed_from_u64(11);
+        let mut draw = |low: f64, high: f64| rng.random_range(low..high);
+        (0..POINTS).map(|_| Point3::new(draw(-0.7, 0.9), draw(-0.6, 0.6), draw(1.5, 4.0))).collect()
+    }
+
+    fn keyframe(i: usize, pose: Pose, with_depth: bool) -> Keyframe {
+        let see = |point: &Point3<f64>| {
+            let in_camera = true_pose(i) * point;
+            let pixel = camera().project(&in_camera).unwrap();
+            let depth = with_depth.then_some((in_camera.z, 0.02));
+            Measurement { pixel: Point2::new(pixel.x, pixel.y), sigma: 1.0, depth }
+        };
+        let measurements: Vec<_> = true_points().iter().map(see).collect();
+        let feature = |m: &Measurement| Feature {
+            u: m.pixel.x as f32,
+            v: m.pixel.y as f32,
+            angle: 0.0,
+            level: 0,
+            response: 1.0,
+            descriptor: Descriptor::default(),
+        };
+        let features = measurements.iter().map(feature).collect();
+        let features = ImageFeatures::from_parts((640, 480), features, measurements, vec![[0; 3]; POINTS]);
+        Keyframe::new(Stamp::from_nanos(i as i64), i, pose, features)
+    }
+
+    /// A map whose poses (but the first) and points are off by a few centimetres and degrees.
+    fn disturbed_map(with_depth: bool) -> (Map, Vec<KeyframeId>) {
+        let mut rng = Pcg32::seed_from_u64(12);
+        let mut noise = |scale: f64| Vector6::from_fn(|_, _| rng.random_range(-scale..scale));
+        let mut map = Map::default();
+        let views: Vec<_> = (0..VIEWS)
+            .map(|i| {
+                let off = if i == 0 { Vector6::zeros() } else { noise(0.03) };
+                map.add_keyframe(keyframe(i, pose::exp(&off) * true_pose(i), with_depth))
+            })
+            .collect();
+        for (feature, point) in true_points().into_iter().enumerate() {
+            let shift = noise(0.05);
+            let start = point + Vector3::new(shift[0], shift[1], shift[2]);
+            let id = map.add_point(start, Observation { keyframe: views[0], feature }).unwrap();
+            for &view in &views[1..] {
+                map.add_observation(id, Observation { keyframe: view, feature });
+            }
+        }
+        (map, views)
+    }
+
+    fn config() -> BundleAdjustmentConfig {
+        BundleAdjustmentConfig { iterations: 20, ..BundleAdjustmentConfig::default() }
+    }
+
+    #[test]
+    fn finds_the_known_optimum_and_leaves_the_gauge_alone() {
+        let (mut map, views) = disturbed_map(true);
+        let result = BundleProblem::local(&map, &camera(), views[VIEWS - 1], &config()).solve(&config());
+        assert!(result.summary.final_cost < 1e-6, "{:?}", result.summary);
+        apply(&mut map, &result);
+        assert_eq!(map.check(), Ok(()));
+        for (i, id) in views.iter().enumerate() {
+            let error = map.keyframe(*id).unwrap().T_camera_world * true_pose(i).inverse();
+            assert!(pose::log(&error).norm() < 1e-5, "view {i}");
+        }
+    }
+
+    #[test]
+    fn without_depth_the_shape_is_right_up_to_scale() {
+        let (mut map, views) = disturbed_map(false);
+        let result = BundleProblem::global(&map, &camera()).solve(&config());
+        assert!(result.summary.final_cost < 1e-3, "{:?}", result.summary);
+        apply(&mut map, &result);
+        let centre = |id: KeyframeId| map.keyframe(id).unwrap().T_camera_world.inverse().translation.vector;
+        let truth = |i: usize| true_pose(i).inverse().translation.vector;
+        let scale = centre(views[4]).norm() / truth(4).norm();
+        for i in 1..VIEWS {
+            assert!((centre(views[i]) - truth(i) * scale).norm() < 1e-3, "view {i}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_observation_is_named_and_does_not_pull() {
+        let (mut map, views) = disturbed_map(true);
+        let mut wrong = keyframe(VIEWS, true_pose(VIEWS), true);
+        let mut measurements: Vec<_> = (0..POINTS).map(|i| *wrong.features.measurement(i)).collect();
+        measurements[7].pixel.x += 60.0;
+        let features: Vec<_> = (0..POINTS).map(|i| *wrong.features.feature(i)).collect();
+        wrong.features = ImageFeatures::from_parts((640, 480), features, measurements, vec![[0; 3]; POINTS]);
+        let id = map.add_keyframe(wrong);
+        let points: Vec<_> = map.keyframe(views[0]).unwrap().observed().collect();
+        for (feature, point) in points {
+            map.add_observation(point, Observation { keyframe: id, feature });
+        }
+        let moved = map.keyframe(views[0]).unwrap().points()[7].unwrap();
+        let result = BundleProblem::local(&map, &camera(), id, &config()).solve(&config());
+        assert_eq!(result.outliers, vec![(moved, id)]);
+        assert!(result.summary.final_cost < 1e-6);
+    }
+
+    #[test]
+    fn a_single_keyframe_has_nothing_to_adjust() {
+        let mut map = Map::default();
+        let only = map.add_keyframe(keyframe(0, Pose::identity(), true));
+        let result = BundleProblem::local(&map, &camera(), only, &config()).solve(&config());
+        assert!(result.poses.is_empty() && result.points.is_empty() && result.outliers.is_empty());
+    }
+}
