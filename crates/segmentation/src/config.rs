@@ -7,6 +7,8 @@ use pfd_geometry::DepthNoise;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::result::SegmentationError;
+
 /// Which method finds moving things.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -71,6 +73,34 @@ pub struct SegmentationConfig {
     pub pfd: PfdConfig,
     /// Modes `paper`, `single` and `flow`.
     pub paper: PaperConfig,
+}
+
+impl SegmentationConfig {
+    /// Checks the ranges on which the computation relies.
+    ///
+    /// # Errors
+    /// [`SegmentationError::Parameter`] names the parameter at fault.
+    pub fn check(&self) -> Result<(), SegmentationError> {
+        let positive = "a finite number above 0";
+        let (noise, particles, pfd) = (&self.depth_noise, &self.particles, &self.pfd);
+        let checks = [
+            ("depth_noise.offset", noise.offset, noise.offset > 0.0, positive),
+            ("depth_noise.quadratic", noise.quadratic, noise.quadratic >= 0.0, "0 or more"),
+            ("depth_noise.max_depth", noise.max_depth, noise.max_depth > noise.min_depth, "above min_depth"),
+            ("particles.count", particles.count as f64, (10..=100_000).contains(&particles.count), "10 to 100000"),
+            ("particles.kernel_sigma", particles.kernel_sigma, particles.kernel_sigma > 0.0, positive),
+            ("pfd.significance", pfd.significance, pfd.significance > 1.0, "above 1"),
+            ("pfd.older_reference_age", pfd.older_reference_age, pfd.older_reference_age > 0.0, positive),
+            ("pfd.rest_time", pfd.rest_time, pfd.rest_time > 0.0, positive),
+            ("paper.features", self.paper.features as f64, self.paper.features > 0, "1 or more"),
+        ];
+        for (name, value, holds, expected) in checks {
+            if !holds || !value.is_finite() {
+                return Err(SegmentationError::Parameter { name, value, expected });
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The particle filter: state [x y vx vy] (Eq. 2), Gaussian motion (Eq. 5), Gaussian-kernel weights (Eq. 3 and 4).

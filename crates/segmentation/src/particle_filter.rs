@@ -96,11 +96,18 @@ impl ParticleFilter {
     /// particle pixel. Returns the mean evidence under the particles.
     pub fn weigh(&mut self, smoothed: &Image<f32>, scale: f32) -> f64 {
         let (width, height) = smoothed.size();
-        let mut sum = 0.0;
-        for (p, w) in self.particles.iter().zip(&mut self.weights) {
+        self.weigh_by(|p| {
             let u = ((p.x * scale) as usize).min(width.saturating_sub(1));
             let v = ((p.y * scale) as usize).min(height.saturating_sub(1));
-            *w = f64::from(smoothed.get(u, v).copied().unwrap_or(0.0).max(0.0)) + MIN_WEIGHT;
+            smoothed.get(u, v).copied().unwrap_or(0.0)
+        })
+    }
+
+    /// Weighs each particle by `evidence`; returns the mean.
+    pub fn weigh_by(&mut self, evidence: impl Fn(&Particle) -> f32) -> f64 {
+        let mut sum = 0.0;
+        for (p, w) in self.particles.iter().zip(&mut self.weights) {
+            *w = f64::from(evidence(p).max(0.0)) + MIN_WEIGHT;
             sum += *w;
         }
         for w in &mut self.weights {

@@ -1,8 +1,9 @@
 //! The entry point: one frame in, one mask out, by the configured mode.
 
-use pfd_geometry::{Camera, Mask, RgbdFrame, StageTimes, Stamp};
+use pfd_geometry::{Camera, Mask, RgbdFrame, StageTimes};
 
 use crate::config::{Mode, SegmentationConfig};
+use crate::paper::PaperSegmenter;
 use crate::result::{Segmentation, SegmentationError, Status};
 use crate::rigid::{Outcome, RigidSegmenter};
 
@@ -10,13 +11,29 @@ use crate::rigid::{Outcome, RigidSegmenter};
 #[derive(Debug)]
 pub struct Segmenter {
     camera: Camera,
+    mode: Mode,
+    config: SegmentationConfig,
+    seed: u64,
     engine: Engine,
 }
 
 #[derive(Debug)]
 enum Engine {
     Rigid(Box<RigidSegmenter>),
+    Paper(Box<PaperSegmenter>),
     None,
+}
+
+impl Engine {
+    fn new(camera: &Camera, mode: Mode, config: &SegmentationConfig, seed: u64) -> Self {
+        match mode {
+            Mode::Pfd => Self::Rigid(Box::new(RigidSegmenter::new(camera, config, seed))),
+            Mode::Paper | Mode::Single | Mode::Flow => {
+                Self::Paper(Box::new(PaperSegmenter::new((camera.width, camera.height), mode, config, seed)))
+            }
+            Mode::None => Self::None,
+        }
+    }
 }
 
 impl Segmenter {
@@ -25,12 +42,10 @@ impl Segmenter {
     /// # Errors
     /// [`SegmentationError::Parameter`] when a parameter is out of range.
     pub fn new(camera: Camera, mode: Mode, config: &SegmentationConfig, seed: u64) -> Result<Self, SegmentationError> {
+        config.check()?;
         pfd_vision::use_single_thread()?;
-        let engine = match mode {
-            Mode::Pfd => Engine::Rigid(Box::new(RigidSegmenter::new(&camera, config, seed))),
-            Mode::Paper | Mode::Single | Mode::Flow | Mode::None => Engine::None,
-        };
-        Ok(Self { camera, engine })
+        let engine = Engine::new(&camera, mode, config, seed);
+        Ok(Self { camera, mode, config: config.clone(), seed, engine })
     }
 
     /// Segments one frame.
@@ -40,32 +55,48 @@ impl Segmenter {
     /// operation fails.
     pub fn segment(&mut self, frame: &RgbdFrame) -> Result<Segmentation, SegmentationError> {
         frame.check_camera(&self.camera)?;
-        let mut timing = StageTimes::default();
-        let mut mask = Mask::empty(self.camera.width, self.camera.height);
-        let mut status = Status::Segmented;
-        if let Engine::Rigid(engine) = &mut self.engine {
-            let time = seconds(frame.stamp());
-            status = match engine.step(frame, time, &mut timing)? {
-                Outcome::First => Status::FirstFrame,
-                Outcome::Failed(reason) => Status::FailedOpen(reason),
-                Outcome::Done => Status::Segmented,
-            };
-            if status == Status::Segmented {
-                timing.measure("enlarge", || engine.view.enlarge(&engine.mask, &mut mask));
+        let time = frame.stamp().as_secs_f64();
+        let mut result = Segmentation {
+            stamp: frame.stamp(),
+            mask: Mask::empty(self.camera.width, self.camera.height),
+            regions: Vec::new(),
+            particles: Vec::new(),
+            status: Status::Segmented,
+            timing: StageTimes::default(),
+        };
+        match &mut self.engine {
+            Engine::Rigid(engine) => segment_rigid(engine, frame, time, &mut result)?,
+            Engine::Paper(engine) => {
+                let (status, found) = engine.step(frame, time, &mut result.mask, &mut result.timing)?;
+                result.status = status;
+                (result.regions, result.particles) = (found.regions, found.particles);
             }
+            Engine::None => {}
         }
-        Ok(Segmentation { stamp: frame.stamp(), mask, regions: vec![], particles: vec![], status, timing })
+        Ok(result)
     }
 
     /// Forgets everything, as if no frame had been seen.
     pub fn reset(&mut self) {
-        match &mut self.engine {
-            Engine::Rigid(engine) => engine.reset(),
-            Engine::None => {}
-        }
+        self.engine = Engine::new(&self.camera, self.mode, &self.config, self.seed);
     }
 }
 
-fn seconds(stamp: Stamp) -> f64 {
-    stamp.as_secs_f64()
+fn segment_rigid(
+    engine: &mut RigidSegmenter,
+    frame: &RgbdFrame,
+    time: f64,
+    result: &mut Segmentation,
+) -> Result<(), SegmentationError> {
+    result.status = match engine.step(frame, time, &mut result.timing)? {
+        Outcome::First => Status::FirstFrame,
+        Outcome::Failed(reason) => Status::FailedOpen(reason),
+        Outcome::Done => Status::Segmented,
+    };
+    if result.status == Status::Segmented {
+        let Segmentation { mask, timing, .. } = &mut *result;
+        timing.measure("enlarge", || engine.view.enlarge(&engine.mask, mask));
+        (result.regions, result.particles) = engine.report();
+    }
+    Ok(())
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Matrix3;
 use opencv::core::{BORDER_CONSTANT, BORDER_DEFAULT, Mat, Scalar, Size};
-use opencv::imgproc::{INTER_LINEAR, box_filter, warp_perspective};
+use opencv::imgproc::{INTER_LINEAR, box_filter, gaussian_blur_def, warp_perspective};
 use pfd_geometry::{GrayImage, Image};
 
 use crate::VisionError;
@@ -39,6 +39,17 @@ pub fn box_mean(image: &GrayImage, side: i32, out: &mut Image<f32>) -> Result<()
     let window = Size::new(side, side);
     let depth = opencv::core::CV_32F;
     Ok(box_filter(&gray_as_mat(image)?, &mut target, depth, window, anchor, true, BORDER_DEFAULT)?)
+}
+
+/// The image smoothed by a Gaussian of standard deviation `sigma` pixels, into `out` of the same size.
+///
+/// # Errors
+/// [`VisionError::SizeMismatch`], or when OpenCV refuses.
+pub fn gaussian_smooth(image: &GrayImage, sigma: f64, out: &mut GrayImage) -> Result<(), VisionError> {
+    same_size(image.size(), out.size())?;
+    let (width, height) = (image.width() as i32, image.height() as i32);
+    let mut target = Mat::new_rows_cols_with_data_mut(height, width, out.pixels_mut())?;
+    Ok(gaussian_blur_def(&gray_as_mat(image)?, &mut target, Size::default(), sigma)?)
 }
 
 fn same_size(a: (usize, usize), b: (usize, usize)) -> Result<(), VisionError> {

@@ -6,6 +6,7 @@
 
 use pfd_geometry::DepthNoise;
 
+use super::knobs::X;
 use super::reference::{Appearance, Warp};
 use super::static_model::ModelPoint;
 use super::view::{Pinhole, ViewFrame};
@@ -29,6 +30,9 @@ const LUMA: f32 = 0.4;
 
 /// Spacing of the pixels that are compared with earlier frames.
 pub(crate) const STRIDE: usize = 2;
+
+/// Each compared pixel stands for this many.
+const SAMPLED: f32 = (STRIDE * STRIDE) as f32;
 
 /// Noise of the texture image, grey levels: shot noise and JPEG coding.
 const TEXTURE_NOISE: f32 = 4.0;
@@ -115,7 +119,17 @@ impl Scene<'_> {
     /// Significant difference of two depths around `z`, metres.
     fn tolerance(&self, z: f32) -> f32 {
         let (offset, quadratic) = (self.noise.offset as f32, self.noise.quadratic as f32);
-        self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z)
+        self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z) + X.rel * z
+    }
+
+    /// Whether the pixel lies on the near side of a depth edge: where agreeing depth pins the surface down.
+    fn is_outline(&self, i: usize) -> bool {
+        let (near, far) = (self.appearance.near.pixels()[i], self.appearance.far.pixels()[i]);
+        self.has_edge(near, far) && self.frame.depth.pixels()[i] - near < 0.5 * (far - near)
+    }
+
+    fn has_edge(&self, near: f32, far: f32) -> bool {
+        far - near > self.tolerance(near) + X.edge_size * near
     }
 
     fn is_usable(&self, z: f32) -> bool {
@@ -128,19 +142,26 @@ impl Scene<'_> {
         &self,
         earlier: &Appearance,
         warp: &Warp,
-        (pixel_sigma, phase): (f32, usize),
+        (pixel_sigma, phase, trust): (f32, usize, f32),
         field: &mut Field,
     ) {
         let width = self.camera.width;
         for v in (phase / STRIDE % STRIDE..self.camera.height).step_by(STRIDE) {
             for i in (v * width + phase % STRIDE..(v + 1) * width).step_by(STRIDE) {
-                self.compare_pixel(i, earlier, warp, pixel_sigma, field);
+                self.compare_pixel(i, earlier, warp, (pixel_sigma, trust), field);
             }
         }
     }
 
     #[inline]
-    fn compare_pixel(&self, i: usize, earlier: &Appearance, warp: &Warp, pixel_sigma: f32, field: &mut Field) {
+    fn compare_pixel(
+        &self,
+        i: usize,
+        earlier: &Appearance,
+        warp: &Warp,
+        (pixel_sigma, trust): (f32, f32),
+        field: &mut Field,
+    ) {
         let measured = self.frame.depth.pixels()[i];
         let has_depth = self.is_usable(measured);
         let z = if has_depth { measured } else { self.filled[i] };
@@ -153,19 +174,33 @@ impl Scene<'_> {
         if has_depth && near > 0.0 {
             match self.relation(z, near, far) {
                 Relation::Nearer => {
-                    field.add_motion(i, FREE_SPACE);
+                    field.add_motion(i, X.free * SAMPLED);
                     return;
                 }
                 Relation::Farther => return,
-                Relation::Same => field.add(i, 0.0, DEPTH_SAME),
+                Relation::Same if earlier.mask[j] != 0 => return,
+                Relation::Same => {
+                    let outline = self.is_outline(i) && self.has_edge(near, far);
+                    let weight = if outline { X.edge_same } else { X.depth_same };
+                    field.add(i, 0.0, weight * SAMPLED * trust);
+                }
             }
         }
-        self.compare_texture(i, earlier, p, pixel_sigma, field);
+        if earlier.mask[j] == 0 {
+            self.compare_texture(i, earlier, p, (pixel_sigma, trust), field);
+        }
     }
 
     /// The difference of texture in units of what noise and an uncertain warp explain: below one it speaks for "static", the
     /// more the stronger the texture; towards [`Self::significance`] for motion.
-    fn compare_texture(&self, i: usize, earlier: &Appearance, p: [f32; 2], pixel_sigma: f32, field: &mut Field) {
+    fn compare_texture(
+        &self,
+        i: usize,
+        earlier: &Appearance,
+        p: [f32; 2],
+        (pixel_sigma, trust): (f32, f32),
+        field: &mut Field,
+    ) {
         let Some(expected) = bilinear(earlier.texture.pixels(), self.camera, p) else { return };
         let difference = (self.appearance.texture.pixels()[i] - expected).abs();
         let gradient = self.gradient[i];
@@ -173,8 +208,8 @@ impl Scene<'_> {
         let sigma = (TEXTURE_NOISE * TEXTURE_NOISE + slip * slip).sqrt();
         let evidence = ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
         let texture = (gradient / STRONG_GRADIENT).min(1.0);
-        field.add(i, 0.0, (1.0 - evidence) * TEXTURE_SAME * texture * texture);
-        field.add_motion(i, evidence * TEXTURE_CHANGED);
+        field.add(i, 0.0, (1.0 - evidence) * X.tex_same * texture * texture * SAMPLED * trust);
+        field.add_motion(i, evidence * X.tex_changed * SAMPLED);
     }
 
     /// Compares the current frame with the static model, of which `near` and `far` are the depth range.
@@ -189,12 +224,14 @@ impl Scene<'_> {
                 continue;
             }
             match self.relation(z, near[i], far[i]) {
-                Relation::Nearer => field.add(i, 1.0, BEFORE_MODEL),
+                Relation::Nearer => field.add(i, 1.0, X.before),
                 Relation::Same => {
-                    field.explained[i] = (model[i].hits / SURE_HITS).min(1.0);
-                    field.add(i, 0.0, MODEL_SAME * field.explained[i]);
+                    field.explained[i] = (model[i].hits / X.sure).min(1.0);
+                    let outline = self.is_outline(i) && self.has_edge(near[i], far[i]);
+                    let weight = if outline { X.edge_same } else { X.model_same };
+                    field.add(i, 0.0, weight * field.explained[i]);
                 }
-                Relation::Farther => field.add(i, 0.0, UNCOVERED),
+                Relation::Farther => field.add(i, 0.0, X.uncovered),
             }
         }
     }
@@ -203,7 +240,7 @@ impl Scene<'_> {
         let difference = (f32::from(self.frame.gray.pixels()[i]) - point.gray - offset).abs();
         let slip = self.gradient[i];
         let evidence = f32::from(u8::from(difference > LUMA_TOLERANCE + slip));
-        field.add(i, evidence, LUMA);
+        field.add(i, evidence, X.luma);
     }
 
     /// Mean luma difference between frame and model where depth agrees: the change of exposure.

@@ -1,5 +1,6 @@
 //! Moving things through time: identity, image motion, rest.
 
+use super::knobs::X;
 use super::motion::CornerMove;
 use super::regions::{BACKGROUND, Component};
 use super::view::Pinhole;
@@ -28,17 +29,31 @@ pub(crate) struct Objects {
     /// Label per working pixel of the last frame; [`BACKGROUND`] where nothing moves.
     pub(crate) labels: Vec<u16>,
     /// Labels carried into the current frame.
-    pub(crate) carried: Vec<u16>,
+    carried: Vec<u16>,
+    /// Log-odds of motion per working pixel; meaningful within objects only.
+    pub(crate) odds: Vec<f32>,
+    /// Log-odds carried into the current frame.
+    carried_odds: Vec<f32>,
     next_id: u32,
     /// Confidence by label.
     confidences: Vec<f32>,
 }
 
 impl Objects {
-    /// Confidence in the object that was carried to pixel `i`; 0 where there is none.
-    pub(crate) fn confidence(&self, i: usize) -> f32 {
+    /// Updates the log-odds of pixel `i` by fresh evidence: `share` of the information speaks for motion, `weight` is its
+    /// amount, `explained` how surely the static model explains the pixel. What was established to move and is not explained
+    /// by the static model is let go slowly.
+    pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, memory: bool) {
         let label = self.carried[i];
-        if label == BACKGROUND { 0.0 } else { self.confidences.get(label as usize).copied().unwrap_or(0.0) }
+        let remembered = memory && label != BACKGROUND;
+        let (before, confidence) = if remembered {
+            (self.carried_odds[i], self.confidences.get(label as usize).copied().unwrap_or(0.0))
+        } else {
+            (X.init, 0.0)
+        };
+        let change = X.gain * 2.0 * (share - X.bias) * weight / (weight + X.half);
+        let hold = if change < 0.0 { 1.0 - X.hold * confidence * (1.0 - explained) } else { 1.0 };
+        self.odds[i] = (before + change * hold).clamp(-MAX_ODDS, MAX_ODDS);
     }
 }
 
@@ -46,6 +61,16 @@ impl Objects {
 /// comes nearer by 6 m/s.
 const MAX_DEPTH_STEP: f32 = 0.2;
 
+/// Log-odds of a pixel about which nothing is known: static.
+const INITIAL_ODDS: f32 = -0.5;
+/// Largest change of the log-odds per frame.
+const GAIN: f32 = 1.5;
+/// Weight of evidence that has half that effect.
+const HALF_WEIGHT: f32 = 0.15;
+/// Log-odds saturate here: two clear frames outweigh any history.
+const MAX_ODDS: f32 = 2.5;
+/// Share of the evidence against motion that is ignored for an established object that the static model does not explain.
+const HOLD: f32 = 0.95;
 /// Mean evidence of motion per compared pixel from which an object counts as moving.
 const MOVING_SHARE: f32 = 0.01;
 /// Confidence gained per frame at most: an object is established after a third of a second.
@@ -60,6 +85,10 @@ impl Objects {
         for labels in [&mut self.labels, &mut self.carried] {
             labels.clear();
             labels.resize(pixels, BACKGROUND);
+        }
+        for odds in [&mut self.odds, &mut self.carried_odds] {
+            odds.clear();
+            odds.resize(pixels, X.init);
         }
     }
 
@@ -89,6 +118,7 @@ impl Objects {
                 let (from, to) = (previous[i as usize], current[j]);
                 if from == 0.0 || to == 0.0 || (from - to).abs() < MAX_DEPTH_STEP {
                     self.carried[j] = object.label;
+                    self.carried_odds[j] = self.odds[i as usize];
                 }
             }
         }

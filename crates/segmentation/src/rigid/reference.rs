@@ -80,15 +80,22 @@ impl FrameMotion {
 pub(crate) struct Appearance {
     /// Luma without its local mean (or luma itself where shadows are to count as motion).
     pub(crate) texture: Image<f32>,
-    /// Nearest depth in the 3×3 neighbourhood; 0 where the pixel itself has none.
+    /// Nearest depth in the 5×5 neighbourhood; 0 where the pixel itself has none.
     pub(crate) near: Image<f32>,
     /// Farthest depth there.
     pub(crate) far: Image<f32>,
+    /// 255 where something moved: no texture to compare with.
+    pub(crate) mask: Vec<u8>,
 }
 
 impl Appearance {
     /// Derives everything from a frame, reusing the buffers.
-    pub(crate) fn update(&mut self, frame: &ViewFrame, remove_mean: bool) -> Result<(), VisionError> {
+    pub(crate) fn update(
+        &mut self,
+        frame: &ViewFrame,
+        remove_mean: bool,
+        spare: &mut [Vec<f32>; 2],
+    ) -> Result<(), VisionError> {
         let (width, height) = frame.gray.size();
         if self.texture.size() != (width, height) {
             self.texture = Image::filled(width, height, 0.0);
@@ -105,7 +112,7 @@ impl Appearance {
                 *t = f32::from(g);
             }
         }
-        depth_range(width, frame.depth.pixels(), self.near.pixels_mut(), self.far.pixels_mut());
+        depth_range(width, frame.depth.pixels(), spare, self.near.pixels_mut(), self.far.pixels_mut());
         Ok(())
     }
 }
@@ -121,31 +128,41 @@ pub(crate) struct Reference {
     pub(crate) appearance: Appearance,
 }
 
-/// Nearest and farthest depth of each 3×3 neighbourhood, ignoring missing depth; both 0 where the centre has none.
-pub(crate) fn depth_range(width: usize, depth: &[f32], near: &mut [f32], far: &mut [f32]) {
+/// Nearest and farthest depth of each 5×5 neighbourhood, ignoring missing depth; both 0 where the centre has none.
+///
+/// Two pixels are what registration of depth to colour, rolling shutter and the sensor's ragged edges move an edge by.
+pub(crate) fn depth_range(width: usize, depth: &[f32], spare: &mut [Vec<f32>; 2], near: &mut [f32], far: &mut [f32]) {
+    let [low, high] = spare;
+    for s in [&mut *low, &mut *high] {
+        s.resize(depth.len(), 0.0);
+    }
     let height = depth.len() / width.max(1);
-    let mut columns = vec![(f32::INFINITY, 0.0_f32); width + 2];
     for v in 0..height {
-        let rows = v.saturating_sub(1)..(v + 2).min(height);
-        for u in 0..width {
-            let mut range = (f32::INFINITY, 0.0_f32);
-            for r in rows.clone() {
-                let z = depth[r * width + u];
-                if z > 0.0 {
-                    range = (range.0.min(z), range.1.max(z));
-                }
+        let rows = v.saturating_sub(RANGE_RADIUS)..(v + RANGE_RADIUS + 1).min(height);
+        let (l, h) = (&mut low[v * width..(v + 1) * width], &mut high[v * width..(v + 1) * width]);
+        l.fill(f32::INFINITY);
+        h.fill(0.0);
+        for row in rows.map(|r| &depth[r * width..(r + 1) * width]) {
+            for ((l, h), &z) in l.iter_mut().zip(h.iter_mut()).zip(row) {
+                *l = l.min(if z > 0.0 { z } else { f32::INFINITY });
+                *h = h.max(z);
             }
-            columns[u + 1] = range;
         }
+    }
+    for v in 0..height {
+        let (l, h) = (&low[v * width..(v + 1) * width], &high[v * width..(v + 1) * width]);
         for u in 0..width {
             let i = v * width + u;
-            let [a, b, c] = [columns[u], columns[u + 1], columns[u + 2]];
+            let columns = u.saturating_sub(RANGE_RADIUS)..(u + RANGE_RADIUS + 1).min(width);
             let measured = depth[i] > 0.0;
-            near[i] = if measured { a.0.min(b.0).min(c.0) } else { 0.0 };
-            far[i] = if measured { a.1.max(b.1).max(c.1) } else { 0.0 };
+            near[i] = if measured { l[columns.clone()].iter().copied().fold(f32::INFINITY, f32::min) } else { 0.0 };
+            far[i] = if measured { h[columns].iter().copied().fold(0.0, f32::max) } else { 0.0 };
         }
     }
 }
+
+/// Half the side of the neighbourhood, working pixels.
+const RANGE_RADIUS: usize = 2;
 
 #[cfg(test)]
 mod tests {
@@ -153,12 +170,12 @@ mod tests {
 
     #[test]
     fn range_of_a_small_image() {
-        // 3×2 pixels, one without depth.
-        let depth = [1.0, 2.0, 5.0, 0.0, 3.0, 4.0];
-        let (mut near, mut far) = ([9.0; 6], [9.0; 6]);
-        depth_range(3, &depth, &mut near, &mut far);
-        assert_eq!(near, [1.0, 1.0, 2.0, 0.0, 1.0, 2.0]);
-        assert_eq!(far, [3.0, 5.0, 5.0, 0.0, 5.0, 5.0]);
+        // 4×2 pixels, one without depth.
+        let depth = [1.0, 2.0, 5.0, 6.0, 0.0, 3.0, 4.0, 4.0];
+        let (mut near, mut far) = ([9.0; 8], [9.0; 8]);
+        depth_range(4, &depth, &mut Default::default(), &mut near, &mut far);
+        assert_eq!(near, [1.0, 1.0, 1.0, 2.0, 0.0, 1.0, 1.0, 2.0]);
+        assert_eq!(far, [5.0, 6.0, 6.0, 6.0, 0.0, 6.0, 6.0, 6.0]);
     }
 
     #[test]

@@ -7,14 +7,17 @@ use pfd_vision::VisionError;
 
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Field, MIN_HITS, STRIDE, Scene, fill_rows, steepest_gradient};
+use super::knobs::X;
 use super::motion::{MotionEstimate, MotionEstimator};
-use super::objects::Objects;
+use super::objects::{Object, Objects};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
-use super::regions::{BACKGROUND, components, fill_holes};
+use super::regions::{BACKGROUND, Component, components, fill_holes};
+use super::report;
 use super::static_model::StaticModel;
 use super::view::{Motion, View, ViewFrame};
-use crate::config::{Compensation, PfdConfig, RegionShape, SegmentationConfig};
-use crate::result::FailOpenReason;
+use crate::config::{Compensation, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig};
+use crate::particle_filter::{Particle, ParticleFilter};
+use crate::result::{DynamicRegion, FailOpenReason};
 
 /// What one step found.
 pub(crate) enum Outcome {
@@ -46,8 +49,13 @@ pub(crate) struct RigidSegmenter {
     /// Frames processed, which sets the pixels that are compared.
     frames: usize,
     buffers: Buffers,
+    /// Follows the evidence (paper, section 3.2), in pixels of the camera image.
+    filter: ParticleFilter,
+    particles: ParticleConfig,
     /// Evidence of this frame.
     pub(crate) field: Field,
+    /// Particles per working pixel.
+    support: Vec<u16>,
     /// 255 where something moves.
     pub(crate) mask: Vec<u8>,
 }
@@ -62,7 +70,7 @@ struct Buffers {
     model_near: Vec<f32>,
     model_far: Vec<f32>,
     conductance: Conductance,
-    belief: Vec<f32>,
+    range: [Vec<f32>; 2],
     visited: Vec<bool>,
     spare_mask: Vec<u8>,
 }
@@ -75,8 +83,6 @@ const MAX_FAILURES: usize = 5;
 const MIN_DT: f64 = 1e-3;
 /// Confirmations of the static model that add to the trust in a corner.
 const MAX_TRUST: f32 = 3.0;
-/// Weight of what the last frame knew about a pixel.
-const MEMORY: f32 = 0.3;
 /// Evidence of a corner that moves on its own.
 const CORNER: f32 = 1.0;
 /// Squared normalised residual from which a corner moves on its own (3 degrees of freedom, far beyond 99.9 %).
@@ -85,12 +91,16 @@ const CORNER_CHI2: f32 = 30.0;
 const CORNER_RADIUS: usize = 2;
 /// Weight of the assumption "static" where nothing is known.
 const PRIOR: f32 = 0.04;
-/// Regions start where the belief exceeds the threshold by this much.
-const HYSTERESIS: f32 = 0.1;
+/// Regions start where the log-odds exceed this.
+const HYSTERESIS: f32 = 0.4;
 /// Uncertainty of a warp, working pixels: interpolation and pose, …
 const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
 const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
+/// Particles gather on a region at this many times their mean density, …
+const MIN_DENSITY: f64 = 1.0;
+/// … or are at least this share of all.
+const MAX_SUPPORT: f64 = 0.2;
 /// Passes of the diffusion.
 const DIFFUSION_PASSES: usize = 2;
 /// What stops the diffusion.
@@ -116,7 +126,10 @@ impl RigidSegmenter {
             failures: 0,
             frames: 0,
             buffers: Buffers::default(),
+            filter: ParticleFilter::new((camera.width, camera.height), config.particles, seed),
+            particles: config.particles,
             field: Field::default(),
+            support: Vec::new(),
             mask: Vec::new(),
             view,
         };
@@ -127,6 +140,7 @@ impl RigidSegmenter {
     /// Back to the state before the first frame.
     pub(crate) fn reset(&mut self) {
         self.estimator = MotionEstimator::new(&self.config, self.noise, self.seed);
+        self.filter = ParticleFilter::new(self.view.source_size(), self.particles, self.seed);
         self.history.clear();
         self.model.clear();
         self.objects.clear(self.view.camera.pixels());
@@ -156,6 +170,7 @@ impl RigidSegmenter {
         };
         timing.measure("evidence", || self.gather(&estimate, dt, time));
         timing.measure("diffusion", || self.diffuse());
+        timing.measure("particles", || self.follow(dt));
         timing.measure("regions", || self.extract(time));
         timing.measure("model", || self.update_model(time));
         timing.measure("remember", || self.remember(time))?;
@@ -166,7 +181,7 @@ impl RigidSegmenter {
     fn prepare(&mut self, frame: &RgbdFrame) -> Result<(), VisionError> {
         self.view.resample(frame, &mut self.current);
         self.estimator.load(&self.current)?;
-        self.appearance.update(&self.current, self.config.shadow_rejection)?;
+        self.appearance.update(&self.current, self.config.shadow_rejection, &mut self.buffers.range)?;
         let camera = &self.view.camera;
         let b = &mut self.buffers;
         steepest_gradient(camera, self.current.gray.pixels(), &mut b.spare, &mut b.gradient);
@@ -197,12 +212,6 @@ impl RigidSegmenter {
         }
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
-        if self.config.temporal {
-            for i in 0..camera.pixels() {
-                let weight = MEMORY * self.objects.confidence(i) * (1.0 - self.field.explained[i]);
-                self.field.add(i, 1.0, weight);
-            }
-        }
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -221,10 +230,17 @@ impl RigidSegmenter {
     fn compare_references(&mut self, flow: f32, time: f64) {
         let mut field = std::mem::take(&mut self.field);
         let scene = self.scene();
-        let sigma = WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow;
+        let sigma = X.warp + X.warpf * flow;
         for reference in self.chosen_references(time) {
+            let trust = ((time - reference.time) / self.config.older_reference_age).min(1.0) as f32;
+            let trust = X.prev + (1.0 - X.prev) * trust;
             let warp = reference.motion.warp();
-            scene.compare_reference(&reference.appearance, &warp, (sigma, self.frames % (STRIDE * STRIDE)), &mut field);
+            scene.compare_reference(
+                &reference.appearance,
+                &warp,
+                (sigma, self.frames % (STRIDE * STRIDE), trust),
+                &mut field,
+            );
         }
         self.field = field;
     }
@@ -244,7 +260,7 @@ impl RigidSegmenter {
         b.model_depth.extend(self.model.points().iter().map(|p| if p.hits >= MIN_HITS { p.position[2] } else { 0.0 }));
         b.model_near.resize(camera.pixels(), 0.0);
         b.model_far.resize(camera.pixels(), 0.0);
-        depth_range(camera.width, &b.model_depth, &mut b.model_near, &mut b.model_far);
+        depth_range(camera.width, &b.model_depth, &mut b.range, &mut b.model_near, &mut b.model_far);
         let mut field = std::mem::take(&mut self.field);
         self.scene().compare_model(self.model.points(), &self.buffers.model_near, &self.buffers.model_far, &mut field);
         self.field = field;
@@ -254,20 +270,64 @@ impl RigidSegmenter {
     fn diffuse(&mut self) {
         let camera = &self.view.camera;
         let b = &mut self.buffers;
-        b.conductance.update(camera, &self.noise, &self.current, &EDGES);
+        b.conductance.update(
+            camera,
+            &self.noise,
+            &self.current,
+            &EdgeScales { radius: X.radius, depth: X.edge, gray: X.gray },
+        );
         b.conductance.diffuse(camera.width, &mut self.field.cells, DIFFUSION_PASSES);
-        b.belief.clear();
-        b.belief.extend(self.field.cells.iter().map(|[e, w]| e / (w + PRIOR)));
+        for (i, &[evidence, weight]) in self.field.cells.iter().enumerate() {
+            let fresh = (evidence / (weight + X.prior), weight + X.prior);
+            self.objects.update_odds(i, fresh, self.field.explained[i], self.config.temporal);
+        }
+    }
+
+    /// One step of the particle filter on the odds of motion: smoothed within surfaces, they are the kernel-weighted
+    /// evidence of Eq. 3 that does not cross depth edges.
+    fn follow(&mut self, dt: f64) {
+        let (view, odds) = (&self.view, &self.objects.odds);
+        self.filter.predict(dt);
+        self.filter.weigh_by(|p| view.to_working(p.x, p.y).map_or(0.0, |i| odds[i].max(0.0)));
+        self.filter.resample();
+        self.support.clear();
+        self.support.resize(view.camera.pixels(), 0);
+        for p in self.filter.particles() {
+            if let Some(i) = view.to_working(p.x, p.y) {
+                self.support[i] += 1;
+            }
+        }
+    }
+
+    /// Whether more particles gather on a component than chance would put there.
+    fn is_supported(&self, component: &Component) -> bool {
+        let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
+        let share = component.pixels.len() as f64 / self.view.camera.pixels() as f64;
+        f64::from(gathered) > self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT)
+    }
+
+    /// Regions of the camera image and the particles on each.
+    pub(crate) fn report(&self) -> (Vec<DynamicRegion>, Vec<Vec<[f32; 2]>>) {
+        let on = |label: u16| {
+            let here = |p: &&Particle| self.view.to_working(p.x, p.y).is_some_and(|i| self.objects.labels[i] == label);
+            self.filter.particles().iter().filter(here).copied().collect::<Vec<_>>()
+        };
+        let of = |object: &Object| {
+            let particles = on(object.label);
+            let positions = particles.iter().map(|p| [p.x, p.y]).collect();
+            (report::region(&self.view, &self.previous.depth, object, &particles), positions)
+        };
+        self.objects.list.iter().map(of).unzip()
     }
 
     /// Forms regions and continues objects.
     fn extract(&mut self, time: f64) {
         let camera = self.view.camera;
         let b = &mut self.buffers;
-        let threshold = self.config.threshold as f32;
         let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
-        let levels = (threshold, threshold + HYSTERESIS);
-        let found = components(&camera, &b.belief, levels, min_pixels.max(1), &mut b.visited);
+        let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
+        let (check, supported) = (self.config.particle_support, |c: &Component| self.is_supported(c));
+        let found = found.into_iter().filter(|c| !check || supported(c)).collect();
         self.objects.update(found, &self.field.motion, time);
         self.release(time);
         self.draw_mask();
@@ -333,7 +393,8 @@ impl RigidSegmenter {
         let homography = self.config.compensation == Compensation::Homography;
         let recycled = if self.history.len() >= HISTORY { self.history.pop_back() } else { None };
         let spare = recycled.map_or_else(Appearance::default, |r| r.appearance);
-        let appearance = std::mem::replace(&mut self.appearance, spare);
+        let mut appearance = std::mem::replace(&mut self.appearance, spare);
+        appearance.mask.clone_from(&self.mask);
         self.history.push_front(Reference { time, motion: FrameMotion::none(homography), appearance });
         self.estimator.advance(&self.current)?;
         std::mem::swap(&mut self.previous, &mut self.current);
@@ -374,8 +435,8 @@ fn splat(camera: &super::view::Pinhole, centre: usize, field: &mut Field) {
     for y in v.saturating_sub(CORNER_RADIUS)..(v + CORNER_RADIUS + 1).min(camera.height) {
         for x in u.saturating_sub(CORNER_RADIUS)..(u + CORNER_RADIUS + 1).min(camera.width) {
             let i = y * camera.width + x;
-            field.add(i, 1.0, CORNER);
-            field.motion[i] += CORNER;
+            field.add(i, 1.0, X.corner);
+            field.motion[i] += X.corner;
         }
     }
 }

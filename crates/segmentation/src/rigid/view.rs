@@ -146,14 +146,17 @@ impl View {
         *out = Mask::from_image(image);
     }
 
-    /// Camera pixel under a position in the working view.
-    pub(crate) fn to_camera(&self, [u, v]: [f32; 2]) -> [f32; 2] {
-        let (width, height) = (self.camera.width, self.camera.height);
-        let column = (u.max(0.0) as usize).min(width - 1);
-        let row = (v.max(0.0) as usize).min(height - 1);
-        let [x, y] = self.source[row * width + column];
-        let scale = self.scale();
-        [x + (u - column as f32) * scale, y + (v - row as f32) * scale]
+    /// Camera pixel under working pixel `index`.
+    pub(crate) fn to_camera(&self, index: usize) -> [f32; 2] {
+        self.source[index]
+    }
+
+    /// Working pixel under a camera pixel.
+    pub(crate) fn to_working(&self, x: f32, y: f32) -> Option<usize> {
+        let (width, height) = self.source_size;
+        let inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
+        let index = inside.then(|| self.target[y as usize * width + x as usize])?;
+        (index != OUTSIDE).then_some(index as usize)
     }
 
     /// Camera pixels per working pixel.

@@ -1,0 +1,221 @@
+//! Algorithm 2: dynamic segmentation by particle filter and depth (paper, section 3.2), the modes `paper` and `single`; and
+//! mode `flow`, which stops after the feature tests of algorithm 1.
+
+use nalgebra::{Matrix3, Vector2};
+use pfd_geometry::{DepthImage, GrayImage, Image, Mask, RgbdFrame, StageTimes};
+use pfd_vision::VisionError;
+use pfd_vision::contours::{Contour, largest_contour};
+use pfd_vision::warp::gaussian_smooth;
+
+use crate::clustering;
+use crate::config::{Mode, PaperConfig, SegmentationConfig};
+use crate::inter_frame::{InterFrame, difference};
+use crate::kmeans::kmeans;
+use crate::particle_filter::{Particle, ParticleFilter, statistics};
+use crate::result::{BoundingBox, DynamicRegion, FailOpenReason, Status};
+
+/// The published method.
+#[derive(Debug)]
+pub(crate) struct PaperSegmenter {
+    config: PaperConfig,
+    kernel_sigma: f64,
+    size: (usize, usize),
+    features_only: bool,
+    inter_frame: InterFrame,
+    /// One filter per object: the first follows the strongest, the next what the first leaves over (step 9).
+    filters: Vec<ParticleFilter>,
+    previous: Option<(GrayImage, f64)>,
+}
+
+/// What one frame gives.
+#[derive(Debug, Default)]
+pub(crate) struct PaperResult {
+    pub(crate) regions: Vec<DynamicRegion>,
+    pub(crate) particles: Vec<Vec<[f32; 2]>>,
+}
+
+/// Frames never lie closer in time than this, seconds.
+const MIN_DT: f64 = 1e-3;
+/// Radius of the disc that mode `flow` masks around a rejected feature, pixels.
+const FEATURE_RADIUS: i64 = 6;
+/// The depth interval spans this many standard deviations of the particles' depths on either side.
+const INTERVAL_SIGMAS: f32 = 2.0;
+/// Narrowest half interval, metres: the thickness of a body, whose front the particles see.
+const MIN_HALF_INTERVAL: f32 = 0.15;
+/// A contour smaller than this share of the image is no object.
+const MIN_AREA: f64 = 0.002;
+
+impl PaperSegmenter {
+    pub(crate) fn new(size: (usize, usize), mode: Mode, config: &SegmentationConfig, seed: u64) -> Self {
+        let objects = if mode == Mode::Single { 1 } else { config.paper.max_objects };
+        let filter = |k: usize| ParticleFilter::new(size, config.particles, seed.wrapping_add(k as u64));
+        Self {
+            config: config.paper,
+            kernel_sigma: config.particles.kernel_sigma,
+            size,
+            features_only: mode == Mode::Flow,
+            inter_frame: InterFrame::new(config.paper),
+            filters: (0..objects).map(filter).collect(),
+            previous: None,
+        }
+    }
+
+    /// Processes one frame (`time` in seconds), drawing into `mask`.
+    pub(crate) fn step(
+        &mut self,
+        frame: &RgbdFrame,
+        time: f64,
+        mask: &mut Mask,
+        timing: &mut StageTimes,
+    ) -> Result<(Status, PaperResult), VisionError> {
+        let transformation = timing.measure("inter_frame", || self.inter_frame.step(frame.gray()))?;
+        let Some((previous, before)) = self.previous.replace((frame.gray().clone(), time)) else {
+            return Ok((Status::FirstFrame, PaperResult::default()));
+        };
+        let Some(found) = transformation else {
+            let reason = FailOpenReason::FewInliers { inliers: 0, needed: 8 };
+            return Ok((Status::FailedOpen(reason), PaperResult::default()));
+        };
+        if self.features_only {
+            found.rejected.iter().for_each(|&p| draw_disc(mask, p));
+            return Ok((Status::Segmented, PaperResult::default()));
+        }
+        let dt = (time - before).max(MIN_DT);
+        let result = timing.measure("objects", || self.objects(frame, &previous, &found.homography, dt, mask))?;
+        Ok((Status::Segmented, result))
+    }
+
+    /// Steps 2 to 9: one object after the other.
+    fn objects(
+        &mut self,
+        frame: &RgbdFrame,
+        previous: &GrayImage,
+        homography: &Matrix3<f64>,
+        dt: f64,
+        mask: &mut Mask,
+    ) -> Result<PaperResult, VisionError> {
+        let mut image = difference(previous, frame.gray(), homography, self.config.noise_floor)?;
+        let mut smooth = Image::filled(self.size.0, self.size.1, 0_u8);
+        let mut result = PaperResult::default();
+        for k in 0..self.filters.len() {
+            gaussian_smooth(&image, self.kernel_sigma, &mut smooth)?;
+            let evidence = to_float(&smooth);
+            let filter = &mut self.filters[k];
+            filter.predict(dt); // step 2
+            let mean = filter.weigh(&evidence, 1.0); // step 3
+            filter.resample(); // step 4
+            if mean < self.config.min_evidence * f64::from(SMOOTHED_SHARE) {
+                filter.scatter();
+                break;
+            }
+            let Some((contour, interval, members)) = self.locate(k, frame.depth())? else { break };
+            fill(&mut image, &contour, 0); // step 8
+            self.draw(frame.depth(), &contour, interval, mask);
+            result.particles.push(members.iter().map(|p| [p.x, p.y]).collect());
+            result.regions.push(region(k as u32, &contour, interval, &members));
+        }
+        Ok(result)
+    }
+
+    /// Steps 5 to 7: clusters particles, then their depths, and cuts out the region.
+    fn locate(&self, k: usize, depth: &DepthImage) -> Result<Option<(Contour, [f32; 2], Vec<Particle>)>, VisionError> {
+        let particles = self.filters[k].particles();
+        let Some(cluster) = clustering::clusters(particles, self.size).into_iter().next() else { return Ok(None) };
+        let members: Vec<Particle> = cluster.into_iter().map(|i| particles[i]).collect();
+        let Some(interval) = self.depth_interval(&members, depth) else { return Ok(None) };
+        let left = members.iter().map(|p| p.x).fold(f32::INFINITY, f32::min).max(0.0) as usize;
+        let right = members.iter().map(|p| p.x).fold(0.0, f32::max) as usize;
+        // The ROI has the full height of the image and the width of the cluster (section 3.2).
+        let mut binary = Mask::empty(self.size.0, self.size.1);
+        for v in 0..self.size.1 {
+            for u in left..(right + 1).min(self.size.0) {
+                let inside = depth.at(u, v).is_some_and(|z| z >= interval[0] && z <= interval[1]);
+                binary.set(u, v, inside);
+            }
+        }
+        let min_area = MIN_AREA * (self.size.0 * self.size.1) as f64;
+        let contour = largest_contour(&binary)?.filter(|c| c.area >= min_area);
+        Ok(contour.map(|c| (c, interval, members)))
+    }
+
+    /// Step 6: the interval of the largest depth cluster.
+    fn depth_interval(&self, members: &[Particle], depth: &DepthImage) -> Option<[f32; 2]> {
+        let depths: Vec<f32> =
+            members.iter().filter_map(|p| depth.at(p.x.max(0.0) as usize, p.y.max(0.0) as usize)).collect();
+        let largest = kmeans(&depths, self.config.depth_clusters).into_iter().max_by_key(|c| c.count)?;
+        let half = (INTERVAL_SIGMAS * largest.sigma).max(MIN_HALF_INTERVAL);
+        Some([largest.center - half, largest.center + half])
+    }
+
+    /// Masks the rectangle; points near its border are decided by K-means of depth (last step of section 3.2).
+    fn draw(&self, depth: &DepthImage, contour: &Contour, interval: [f32; 2], mask: &mut Mask) {
+        let (x, y) = (contour.x as usize, contour.y as usize);
+        let (right, bottom) = (x + contour.width as usize, y + contour.height as usize);
+        let border = self.config.border as usize;
+        let near_border =
+            |u: usize, v: usize| u < x + border || v < y + border || u + border >= right || v + border >= bottom;
+        let pixels = || (y..bottom).flat_map(move |v| (x..right).map(move |u| (u, v)));
+        let band = pixels().filter(|&(u, v)| near_border(u, v)).step_by(BORDER_SAMPLING);
+        let depths: Vec<f32> = band.filter_map(|(u, v)| depth.at(u, v)).collect();
+        let centers: Vec<f32> = kmeans(&depths, 2).iter().map(|c| c.center).collect();
+        let middle = 0.5 * (interval[0] + interval[1]);
+        let own = centers.iter().copied().min_by(|a, b| (a - middle).abs().total_cmp(&(b - middle).abs()));
+        for (u, v) in pixels() {
+            let foreign = near_border(u, v)
+                && depth
+                    .at(u, v)
+                    .zip(own)
+                    .is_some_and(|(z, own)| centers.iter().any(|c| (c - z).abs() < (own - z).abs()));
+            if !foreign {
+                mask.set(u, v, true);
+            }
+        }
+    }
+}
+
+/// Share of a difference that the kernel leaves at the edge of a mover.
+const SMOOTHED_SHARE: f32 = 0.5;
+/// Every how many border pixels enter K-means.
+const BORDER_SAMPLING: usize = 5;
+
+fn region(id: u32, contour: &Contour, interval: [f32; 2], members: &[Particle]) -> DynamicRegion {
+    let (mean, covariance) = statistics(members.iter());
+    let Contour { x, y, width, height, .. } = *contour;
+    DynamicRegion {
+        id,
+        bounding_box: BoundingBox { x, y, width, height },
+        depth_interval: interval,
+        pixel_count: width * height,
+        particle_mean: mean,
+        particle_covariance: covariance,
+        image_velocity: Vector2::new(mean[2], mean[3]),
+    }
+}
+
+fn to_float(image: &GrayImage) -> Image<f32> {
+    let mut out = Image::filled(image.width(), image.height(), 0.0);
+    for (o, &i) in out.pixels_mut().iter_mut().zip(image.pixels()) {
+        *o = f32::from(i);
+    }
+    out
+}
+
+fn fill(image: &mut GrayImage, contour: &Contour, value: u8) {
+    let (x, y) = (contour.x as usize, contour.y as usize);
+    for v in y..(y + contour.height as usize).min(image.height()) {
+        let right = (x + contour.width as usize).min(image.width());
+        image.row_mut(v)[x..right].fill(value);
+    }
+}
+
+fn draw_disc(mask: &mut Mask, [x, y]: [f32; 2]) {
+    let (x, y) = (x.round() as i64, y.round() as i64);
+    for dy in -FEATURE_RADIUS..=FEATURE_RADIUS {
+        for dx in -FEATURE_RADIUS..=FEATURE_RADIUS {
+            let inside = dx * dx + dy * dy <= FEATURE_RADIUS * FEATURE_RADIUS;
+            if let (true, Ok(u), Ok(v)) = (inside, usize::try_from(x + dx), usize::try_from(y + dy)) {
+                mask.set(u, v, true);
+            }
+        }
+    }
+}
