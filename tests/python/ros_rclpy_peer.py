@@ -4,6 +4,7 @@ usage: ros_rclpy_peer.py NODE RELIABILITY SECONDS
 """
 
 import json
+import os
 import sys
 import threading
 import time
@@ -51,7 +52,7 @@ class Peer:
         for name, kind, qos in [
             ("dynamic_mask", Image, 5), ("overlay", Image, best_effort), ("pose", PoseStamped, 10),
             ("odometry", Odometry, 10), ("path", Path, latched), ("map_points", PointCloud2, latched),
-            ("keyframes", MarkerArray, latched), ("/diagnostics", DiagnosticArray, 10), ("/rosout", Log, latched),
+            ("keyframes", MarkerArray, latched), ("/diagnostics", DiagnosticArray, 10), ("/rosout", Log, QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)),
         ]:
             self.node.create_subscription(kind, name, lambda m, name=name: self.receive(name, m), qos)
 
@@ -149,7 +150,9 @@ def main():
             talker.start()
     talker.join()
     time.sleep(1.0)
-    print(json.dumps(peer.summary()))
+    print(json.dumps(peer.summary()), flush=True)
+    # The spinning thread must not outlive the context.
+    os._exit(0)
 
 
 main()

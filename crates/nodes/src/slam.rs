@@ -119,7 +119,15 @@ fn attach_services(node: &mut Node, shared: &Arc<Shared>) -> Result<(), RosError
         done("working on frames")
     })?;
     let s = shared.clone();
-    node.serve::<FilePath>("~/save_trajectory", move |r| answer(&r, |path| save(&s, path)))
+    node.serve::<FilePath>("~/save_trajectory", move |r| answer(&r, |path| save(&s, path)))?;
+    let s = shared.clone();
+    node.serve::<FilePath>("~/save_map", move |r| {
+        answer(&r, |path| with_core(&s, |core| Ok(core.tracker().save_map(Path::new(path))?)))
+    })?;
+    let s = shared.clone();
+    node.serve::<FilePath>("~/load_map", move |r| {
+        answer(&r, |path| with_core(&s, |core| Ok(core.tracker_mut().load_map(Path::new(path))?)))
+    })
 }
 
 fn reset(core: &mut Core) -> &'static str {

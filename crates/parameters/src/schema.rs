@@ -108,6 +108,7 @@ fn check_scalar(schema: &Value, kind: ParameterKind, value: &Value) -> Result<()
             Err(format!("must be a whole number, not {value}"))
         }
         ParameterKind::Double if !value.is_number() => Err(format!("must be a number, not {value}")),
+        ParameterKind::Boolean => Ok(()),
         ParameterKind::Integer | ParameterKind::Double => check_range(schema, value),
         ParameterKind::String => check_choice(schema, value),
         kind => check_elements(schema, kind, value),

@@ -181,12 +181,13 @@ mod tests {
         #[schemars(range(min = 1, max = 100))]
         count: u32,
         scale: f64,
+        on: bool,
         size: Option<[f64; 2]>,
     }
 
     impl Default for Stage {
         fn default() -> Self {
-            Self { count: 7, scale: 1.5, size: None }
+            Self { count: 7, scale: 1.5, on: false, size: None }
         }
     }
 
@@ -224,13 +225,13 @@ mod tests {
   ros__parameters:
     mode: two
     stage.scale: 2
-    stage: {count: 8}
+    stage: {count: 8, on: true}
     mask_timeout: 0.5
 robot:
   other: {ros__parameters: {nonsense: 1}}
 ";
         let config = load(text, &[("stage.size", serde_json::json!([1, 2.5]))]).unwrap();
-        let stage = Stage { count: 9, scale: 2.0, size: Some([1.0, 2.5]) };
+        let stage = Stage { count: 9, scale: 2.0, on: true, size: Some([1.0, 2.5]) };
         assert_eq!(config, Config { mode: Mode::Two, stage, optional: None });
     }
 
@@ -250,6 +251,7 @@ robot:
             ("stage: {count: 0}", "`stage.count`: 0 is out of range [1, 100]"),
             ("stage: {count: 1.5}", "must be a whole number"),
             ("stage: {scale: big}", "must be a number"),
+            ("stage: {on: 1}", "must be true or false"),
             ("stage: 3", "group of parameters"),
             ("stage: {size: [1]}", "must have 2 elements"),
             ("mode: three", "`three` is none of: one, two"),

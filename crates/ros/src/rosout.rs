@@ -25,8 +25,10 @@ static ROSOUT: Mutex<Option<Publisher<Log>>> = Mutex::new(None);
 /// [`RosError::Arguments`] when a logger's name in `--log-level` is malformed.
 pub fn start(args: &Arguments, node_name: &str) -> Result<(), RosError> {
     let level = args.log_level.unwrap_or(LogLevel::Info).filter();
-    // RustDDS warns about every datagram beyond 1500 bytes, which on loopback is every one.
-    let mut directives = format!("{level},rustdds=error,ros2_client=error");
+    // RustDDS warns about every datagram beyond 1500 bytes (on loopback every one), and reports an error for every fragment that a
+    // slow subscriber asks for too late and for every endpoint of a participant that has died. What matters of it is said by the
+    // watchdog and the graph; `--log-level rustdds:=debug` shows the rest.
+    let mut directives = format!("{level},rustdds=off,ros2_client=error");
     for (logger, level) in &args.logger_levels {
         // A node's logger has the node's name; ours is the only node.
         let target = if logger == node_name { String::new() } else { format!("{logger}=") };

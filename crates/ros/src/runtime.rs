@@ -7,8 +7,9 @@ use std::time::Duration;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::Notify;
 
+use crate::messages::standard::Clock as ClockMessage;
 use crate::network::Networks;
-use crate::{Arguments, Clock, Names, Node, RosError, network, rosout};
+use crate::{Arguments, Clock, Names, Node, Qos, RosError, network, rosout};
 
 /// Time that an acknowledged goodbye may take on the way out.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
@@ -80,6 +81,7 @@ async fn live<E: From<RosError>>(
     loop {
         let mut node = Node::open(setup)?;
         rosout::connect(&mut node, setup.rosout)?;
+        subscribe_clock(&mut node)?;
         attach(&mut node)?;
         tokio::select! {
             () = &mut stop => return Ok(()),
@@ -88,6 +90,15 @@ async fn live<E: From<RosError>>(
         }
         rosout::disconnect();
     }
+}
+
+/// Follows `/clock`, which counts while `use_sim_time` is set.
+fn subscribe_clock(node: &mut Node) -> Result<(), RosError> {
+    /// Only the newest time is of use.
+    const DEPTH: i32 = 1;
+    let clock = node.clock().clone();
+    node.subscribe::<ClockMessage>("/clock", Qos::best_effort(DEPTH), move |m| clock.set_time(m.clock.into()))?;
+    Ok(())
 }
 
 /// Waits for SIGINT or SIGTERM.

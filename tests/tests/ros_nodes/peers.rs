@@ -1,0 +1,86 @@
+//! The nodes beside real peers: rclpy on Fast DDS, and Cyclone DDS. Skipped where the peers are not installed.
+
+use crate::support::{Node, domain, peer_python, run_peer};
+use serde_json::Value;
+
+/// How long the peers' cameras run, seconds.
+const SECONDS: &str = "10";
+
+fn check_rclpy(reliability: &str, test: u32) {
+    let Some(python) = peer_python("jazzy") else { return };
+    let (folder, domain) = (tempfile::tempdir().unwrap(), domain(test));
+    // A machine that builds and tests at the same time is slower than the camera: the newest image counts.
+    let mut node = Node::start("slam_node", &domain, folder.path(), &[]).unwrap();
+    let report = run_peer(&python, "ros_rclpy_peer.py", &domain, &["slam_node", reliability, SECONDS]).unwrap();
+    node.stop("INT").unwrap();
+    for topic in
+        ["pose", "odometry", "path", "map_points", "keyframes", "dynamic_mask", "overlay", "/diagnostics", "/rosout"]
+    {
+        assert!(report["received"][topic].as_u64().unwrap_or(0) > 0, "nothing on {topic}: {report}\n{}", node.log());
+    }
+    check_graph(&report);
+    check_parameters(&report);
+    check_motion(&report);
+    assert_eq!(report["sim_stamp"], 1234, "simulated time: {report}");
+    assert!(report["pause"] == true && report["resume"] == true, "{report}");
+}
+
+fn check_graph(report: &Value) {
+    assert!(report["nodes"].as_array().unwrap().iter().any(|n| n == "slam_node"), "{report}");
+    for (topic, kind) in [
+        ("/dynamic_mask", "sensor_msgs/msg/Image"),
+        ("/dynamic_regions", "pfd_slam_msgs/msg/DynamicRegions"),
+        ("/tracking_state", "pfd_slam_msgs/msg/TrackingState"),
+        ("/odometry", "nav_msgs/msg/Odometry"),
+        ("/tf", "tf2_msgs/msg/TFMessage"),
+    ] {
+        assert_eq!(report["topics"][topic], kind, "{report}");
+    }
+}
+
+fn check_parameters(report: &Value) {
+    assert!(report["listed"].as_u64().unwrap() > 50, "{report}");
+    assert_eq!(report["got"], serde_json::json!([0.2, "best_effort"]), "{report}");
+    assert!(report["described"][0][0].as_str().unwrap().contains("seconds"), "{report}");
+    assert_eq!(
+        (&report["described"][0][1], &report["described"][1][1]),
+        (&false.into(), &true.into()),
+        "read-only: {report}"
+    );
+    assert_eq!(report["set_good"][0], true, "{report}");
+    assert_eq!(report["set_bad"][0], false, "{report}");
+    assert!(report["set_bad"][1].as_str().unwrap().contains("out of range"), "{report}");
+}
+
+/// The camera moves sideways past a wall: in the odometry frame that is to the right, which is -y.
+fn check_motion(report: &Value) {
+    let position: Vec<f64> = report["position"].as_array().unwrap().iter().filter_map(Value::as_f64).collect();
+    let expected = report["expected_x"].as_f64().unwrap();
+    assert!(position[1] < -0.3 * expected, "{report}");
+    assert!(position[0].abs() < 0.1 && position[2].abs() < 0.1, "{report}");
+}
+
+#[test]
+fn rclpy_best_effort() {
+    check_rclpy("BEST_EFFORT", 6);
+}
+
+#[test]
+fn rclpy_reliable() {
+    check_rclpy("RELIABLE", 7);
+}
+
+#[test]
+fn cyclone_camera_and_transforms() {
+    let Some(python) = peer_python("cyclone") else { return };
+    let (folder, domain) = (tempfile::tempdir().unwrap(), domain(8));
+    let mut node = Node::start("slam_node", &domain, folder.path(), &[]).unwrap();
+    let report = run_peer(&python, "ros_cyclone_peer.py", &domain, &[SECONDS]).unwrap();
+    node.stop("INT").unwrap();
+    assert!(report["poses"].as_u64().unwrap() > 10, "{report}\n{}", node.log());
+    let frames = &report["transforms"];
+    assert!(frames["map->odom"].as_u64().unwrap_or(0) > 10, "{report}");
+    assert!(frames["odom->camera_link"].as_u64().unwrap_or(0) > 10, "the base comes from /tf_static: {report}");
+    let mask = report["mask"].as_array().unwrap();
+    assert_eq!((&mask[0], &mask[1], &mask[2]), (&640.into(), &480.into(), &"mono8".into()), "{report}");
+}
