@@ -1,7 +1,7 @@
 //! Tracks sequences and prints their absolute trajectory error.
 //!
-//! `cargo run --release -p pfd-tracking --example evaluate -- [--masks] [--seed N] SEQUENCE...`
-//! With `--masks` the ground-truth masks in `mask/` are used; without, none.
+//! `cargo run --release -p pfd-tracking --example evaluate -- [--masks] [--seed N] [--step N] [--config JSON] SEQUENCE...`
+//! With `--masks` the ground-truth masks in `mask/` are used; without, none. `--step` leaves frames out: faster motion.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
@@ -14,29 +14,30 @@ use pfd_tracking::{Tracker, TrackingConfig, TrackingState};
 fn main() {
     let mut arguments = std::env::args().skip(1).peekable();
     let mut use_masks = false;
-    let mut seed = 0;
+    let (mut seed, mut step) = (0, 1);
     let mut config = TrackingConfig::default();
     let mut sequences: Vec<PathBuf> = Vec::new();
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--masks" => use_masks = true,
+            "--step" => step = arguments.next().unwrap().parse().unwrap(),
             "--seed" => seed = arguments.next().unwrap().parse().unwrap(),
             "--config" => config = serde_json::from_str(&arguments.next().unwrap()).unwrap(),
             path => sequences.push(path.into()),
         }
     }
     for path in sequences {
-        evaluate(&path, use_masks, &config, seed);
+        evaluate(&path, use_masks, &config, seed, step);
     }
 }
 
-fn evaluate(path: &Path, use_masks: bool, config: &TrackingConfig, seed: u64) {
+fn evaluate(path: &Path, use_masks: bool, config: &TrackingConfig, seed: u64, step: usize) {
     let sequence = Sequence::open(path).unwrap();
     let mut tracker = Tracker::new(sequence.camera().unwrap(), config, seed).unwrap();
     let (mut live, mut times, mut ok, mut inliers) = (Vec::new(), Vec::new(), 0, Vec::new());
     let mut stages: Vec<StageTimes> = Vec::new();
     let mut last = None;
-    for i in 0..sequence.len() {
+    for i in (0..sequence.len()).step_by(step) {
         let frame = sequence.frame(i).unwrap();
         let mask = use_masks.then(|| read_mask(path, &sequence.pair(i).rgb_path));
         let start = std::time::Instant::now();

@@ -109,7 +109,7 @@ pub struct MatchingConfig {
 
 impl Default for MatchingConfig {
     fn default() -> Self {
-        Self { max_distance: 80, max_ratio: 0.85, motion_radius: 15.0, local_map_radius: 4.0 }
+        Self { max_distance: 80, max_ratio: 0.85, motion_radius: 15.0, local_map_radius: 8.0 }
     }
 }
 

@@ -83,22 +83,24 @@ fn best_feature(
 ) -> Option<(usize, u32)> {
     let scaled = radius * config.features.options().level_scale(prediction.level);
     let mut best: Option<(usize, u32)> = None;
-    let mut second = u32::MAX;
+    let mut second: Option<(usize, u32)> = None;
     for index in features.near(&prediction.pixel, scaled) {
         let feature = features.feature(index);
         if feature.level.abs_diff(prediction.level) > LEVEL_TOLERANCE {
             continue;
         }
         let distance = descriptor.distance(&feature.descriptor);
-        match best {
-            Some((_, least)) if distance >= least => second = second.min(distance),
-            _ => {
-                second = best.map_or(second, |(_, least)| least);
-                best = Some((index, distance));
-            }
+        if best.is_none_or(|(_, least)| distance < least) {
+            second = best.replace((index, distance));
+        } else if second.is_none_or(|(_, less)| distance < less) {
+            second = Some((index, distance));
         }
     }
-    best.filter(|&(_, d)| is_distinct(d, second, config))
+    // The same corner often shows on two levels with like descriptors: only a rival on the same level makes the best doubtful.
+    let (index, distance) = best?;
+    let level = |index: usize| features.feature(index).level;
+    let rival = second.filter(|(other, _)| level(*other) == level(index)).map_or(u32::MAX, |(_, distance)| distance);
+    is_distinct(distance, rival, config).then_some((index, distance))
 }
 
 fn is_distinct(best: u32, second: u32, config: &TrackingConfig) -> bool {
