@@ -1,0 +1,96 @@
+//! The demo as a user runs it, while a listener counts what every topic carries.
+
+use std::collections::BTreeMap;
+use std::process::Command;
+use std::sync::{Arc, Mutex};
+
+use pfd_ros::messages::diagnostic::DiagnosticArray;
+use pfd_ros::messages::geometry::{PoseStamped, TfMessage};
+use pfd_ros::messages::nav::{Odometry, Path};
+use pfd_ros::messages::pfd::{DynamicRegions, TrackingState};
+use pfd_ros::messages::sensor::{CameraInfo, Image, PointCloud2};
+use pfd_ros::messages::standard::Clock;
+use pfd_ros::messages::visualization::MarkerArray;
+use pfd_ros::{Arguments, Names, Node, Qos, RosError, Setup};
+use pfd_tests::repository;
+use tokio::sync::Notify;
+
+/// Share of the frames that must have a pose. At the camera's rate a busy machine may lose some.
+const MIN_TRACKED: f64 = 0.95;
+/// Largest absolute error (RMSE), metres.
+const MAX_ATE: f64 = 0.03;
+
+type Counts = Arc<Mutex<BTreeMap<&'static str, u64>>>;
+
+macro_rules! count_topics {
+    ($node:expr, $counts:expr, $($name:literal: $message:ty, $qos:expr;)*) => {
+        $({
+            let counts = $counts.clone();
+            counts.lock().unwrap().insert($name, 0);
+            $node.subscribe::<$message>($name, $qos, move |_| *counts.lock().unwrap().entry($name).or_default() += 1)?;
+        })*
+    };
+}
+
+fn listen(node: &mut Node, counts: &Counts) -> Result<(), RosError> {
+    let some = Qos::best_effort(10);
+    count_topics!(node, counts,
+        "/camera/rgb/image_raw": Image, some;
+        "/camera/depth_registered/image_raw": Image, some;
+        "/camera/rgb/camera_info": CameraInfo, some;
+        "/clock": Clock, some;
+        "/tf_static": TfMessage, Qos::latched();
+        "ground_truth/pose": PoseStamped, some;
+        "ground_truth/path": Path, Qos::latched();
+        "dynamic_mask": Image, Qos::masks();
+        "dynamic_regions": DynamicRegions, some;
+        "overlay": Image, some;
+        "pose": PoseStamped, some;
+        "odometry": Odometry, some;
+        "path": Path, Qos::latched();
+        "map_points": PointCloud2, Qos::latched();
+        "keyframes": MarkerArray, Qos::latched();
+        "tracking_state": TrackingState, some;
+        "/tf": TfMessage, some;
+        "/diagnostics": DiagnosticArray, some;
+    );
+    Ok(())
+}
+
+#[test]
+#[ignore = "builds and replays in real time; .ci/run calls it"]
+fn the_demo_tracks_and_every_topic_carries_data() {
+    let out = tempfile::tempdir().unwrap();
+    let arguments = Arguments::parse(["--ros-args".to_owned()]).unwrap();
+    let names = Names::new(&arguments, "demo_listener").unwrap();
+    let mut setup = Setup::new(&arguments, names, "loopback", false).unwrap();
+    // A domain of its own; high ones are left to the system's ephemeral ports.
+    setup.domain = 10 + (std::process::id() % 90) as u16;
+    let (counts, done) = (Counts::default(), Arc::new(Notify::new()));
+    let domain = setup.domain.to_string();
+    let demo = || {
+        let mut command = Command::new(repository().join("launch_scripts/demo.sh"));
+        command.arg("--out").arg(out.path()).env("ROS_DOMAIN_ID", &domain);
+        let output = command.output().unwrap();
+        done.notify_one();
+        output
+    };
+    let output = std::thread::scope(|scope| {
+        let demo = scope.spawn(demo);
+        pfd_ros::run(&setup, &done, |node: &mut Node| listen(node, &counts)).unwrap();
+        demo.join().unwrap()
+    });
+    let text = String::from_utf8_lossy(&output.stdout);
+    println!("{text}");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let counts = counts.lock().unwrap();
+    println!("messages: {counts:?}");
+    assert!(counts.values().all(|&n| n > 0), "a topic carried nothing: {counts:?}");
+    let report = std::fs::read_to_string(out.path().join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert!(report["tracked"].as_f64().unwrap() >= MIN_TRACKED, "{text}");
+    assert!(report["ate"]["rmse"].as_f64().unwrap() <= MAX_ATE, "{text}");
+    for file in ["report.html", "picture.svg", "trajectory.txt"] {
+        assert!(out.path().join(file).exists(), "{file}");
+    }
+}
