@@ -50,7 +50,7 @@ pub(crate) struct ConfigSource {
     /// Parameter file, as the nodes read it; may be repeated, later ones win
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Vec<PathBuf>,
-    /// One parameter, such as `segmentation.particles=500`; may be repeated
+    /// One parameter, such as `segmentation.particles.count=500`; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub(crate) set: Vec<(String, String)>,
 }
@@ -102,7 +102,7 @@ pub(crate) struct BenchArguments {
     /// Seeds per sequence and mode; tables state the median
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) runs: u64,
-    /// Compare values of a parameter, such as `segmentation.particles=500,800,1000`; may be repeated
+    /// Compare values of a parameter, such as `segmentation.particles.count=500,1000`; may be repeated
     #[arg(long, value_name = "NAME=VALUE,...", value_parser = name_and_value)]
     pub(crate) vary: Vec<(String, String)>,
     /// Runs at the same time; more than one disturbs the timings
