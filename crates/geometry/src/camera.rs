@@ -252,12 +252,12 @@ mod tests {
             let (_, analytic) = camera.project_with_jacobian(&point).unwrap();
             let dual = |p: nalgebra::SVector<DualVec64<nalgebra::U3>, 3>| {
                 let [k1, k2, p1, p2, k3] = camera.distortion.0;
-                let (x, y) = (p[0].clone() / p[2].clone(), p[1].clone() / p[2].clone());
-                let (xx, yy, xy) = (x.powi(2), y.powi(2), x.clone() * y.clone());
-                let r2 = xx.clone() + yy.clone();
-                let radial = r2.powi(3) * k3 + r2.powi(2) * k2 + r2.clone() * k1 + 1.0;
+                let (x, y) = (p[0] / p[2], p[1] / p[2]);
+                let (xx, yy, xy) = (x.powi(2), y.powi(2), x * y);
+                let r2 = xx + yy;
+                let radial = r2.powi(3) * k3 + r2.powi(2) * k2 + r2 * k1 + 1.0;
                 nalgebra::SVector::from([
-                    (x * radial.clone() + xy.clone() * (2.0 * p1) + (r2.clone() + xx * 2.0) * p2) * camera.fx + camera.cx,
+                    (x * radial + xy * (2.0 * p1) + (r2 + xx * 2.0) * p2) * camera.fx + camera.cx,
                     (y * radial + (r2 + yy * 2.0) * p1 + xy * (2.0 * p2)) * camera.fy + camera.cy,
                 ])
             };

@@ -73,7 +73,7 @@ impl BundleProblem {
         if fixed.is_empty() {
             fix_oldest(map, &mut free, &mut fixed);
         }
-        Self::new(map, camera, free, fixed, points)
+        Self::new(map, camera, free, fixed, &points)
     }
 
     /// The whole map; the oldest keyframe is fixed.
@@ -81,7 +81,8 @@ impl BundleProblem {
         let mut free: Vec<_> = map.keyframes().map(|(id, _)| id).collect();
         let mut fixed = Vec::new();
         fix_oldest(map, &mut free, &mut fixed);
-        Self::new(map, camera, free, fixed, map.points().map(|(id, _)| id).collect())
+        let points: Vec<_> = map.points().map(|(id, _)| id).collect();
+        Self::new(map, camera, free, fixed, &points)
     }
 
     fn new(
@@ -89,7 +90,7 @@ impl BundleProblem {
         camera: &Camera,
         free: Vec<KeyframeId>,
         fixed: Vec<KeyframeId>,
-        candidates: Vec<MapPointId>,
+        candidates: &[MapPointId],
     ) -> Self {
         let free_views = free.iter().enumerate().map(|(i, id)| (*id, View::Free(i)));
         let fixed_views = fixed.iter().enumerate().map(|(i, id)| (*id, View::Fixed(i)));
@@ -105,7 +106,7 @@ impl BundleProblem {
             points: Vec::new(),
             sightings: Arc::default(),
         };
-        problem.add_points(map, &views, &candidates);
+        problem.add_points(map, &views, candidates);
         problem
     }
 
@@ -361,8 +362,8 @@ mod tests {
         let centre = |id: KeyframeId| map.keyframe(id).unwrap().T_camera_world.inverse().translation.vector;
         let truth = |i: usize| true_pose(i).inverse().translation.vector;
         let scale = centre(views[4]).norm() / truth(4).norm();
-        for i in 1..VIEWS {
-            assert!((centre(views[i]) - truth(i) * scale).norm() < 1e-3, "view {i}");
+        for (i, view) in views.iter().enumerate().skip(1) {
+            assert!((centre(*view) - truth(i) * scale).norm() < 1e-3, "view {i}");
         }
     }
 

@@ -57,6 +57,11 @@ impl ImageFeatures {
         self.features.len()
     }
 
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.features.is_empty()
+    }
+
     /// Feature `index`.
     pub fn feature(&self, index: usize) -> &Feature {
         &self.features[index]

@@ -279,7 +279,7 @@ mod tests {
         let measured = |i: u16| Measurement {
             pixel: Point2::new(f64::from(i), 3.0),
             sigma: 1.2,
-            depth: (i % 2 == 0).then_some((1.5, 0.02)),
+            depth: i.is_multiple_of(2).then_some((1.5, 0.02)),
         };
         let features = || {
             ImageFeatures::from_parts(

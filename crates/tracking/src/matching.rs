@@ -160,7 +160,9 @@ mod tests {
     fn shuffled_descriptors_find_each_other() {
         let train = random_descriptors(100, 1);
         let mut query: Vec<_> = train.iter().rev().map(|&(i, d)| (i + 1000, d)).collect();
-        query.iter_mut().for_each(|(_, d)| d.0[0] ^= 0b1011);
+        for (_, descriptor) in &mut query {
+            descriptor.0[0] ^= 0b1011;
+        }
         let matches = match_descriptors(&query, &train, &TrackingConfig::default());
         assert_eq!(matches.len(), 100);
         assert!(matches.iter().all(|(q, t)| q - 1000 == *t));

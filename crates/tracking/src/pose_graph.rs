@@ -44,7 +44,7 @@ impl PoseGraph {
 }
 
 /// The parameter block of a node; none for the fixed one.
-fn block<'a>(node: usize, jacobian: &'a Matrix6<f64>) -> Option<(usize, &'a Matrix6<f64>)> {
+fn block(node: usize, jacobian: &Matrix6<f64>) -> Option<(usize, &Matrix6<f64>)> {
     node.checked_sub(1).map(|index| (index, jacobian))
 }
 

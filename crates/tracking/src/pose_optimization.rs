@@ -152,7 +152,9 @@ mod tests {
         let same = vec![scene(1, 0, &truth, false)[0]; 50];
         assert_eq!(optimize_pose(&camera(), &same, &truth), None, "one point seen fifty times");
         let mut behind = scene(50, 0, &truth, true);
-        behind.iter_mut().for_each(|o| o.point.z = -1.0);
+        for observation in &mut behind {
+            observation.point.z = -1.0;
+        }
         assert_eq!(optimize_pose(&camera(), &behind, &truth), None);
     }
 }

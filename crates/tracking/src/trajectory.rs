@@ -25,7 +25,6 @@ pub(crate) struct TrajectoryLog {
 #[allow(non_snake_case)]
 impl TrajectoryLog {
     /// Adds a frame with its pose (world to camera).
-
     pub(crate) fn push(&mut self, map: &Map, stamp: Stamp, reference: KeyframeId, T_camera_world: &Pose) {
         if let Some(keyframe) = map.keyframe(reference) {
             let T_camera_reference = T_camera_world * keyframe.T_camera_world.inverse();

@@ -257,7 +257,7 @@ mod tests {
         ) {
             let mut map = Map::default();
             let mut keyframes: Vec<_> = (0..5).map(|_| map.add_keyframe(keyframe(8))).collect();
-            let mut points = vec![MapPointId::default(); 12];
+            let mut points = [MapPointId::default(); 12];
             for (operation, k, feature, p) in operations {
                 let seen = Observation { keyframe: keyframes[k], feature };
                 match operation {
