@@ -15,8 +15,9 @@ use pfd_ros::{Arguments, Names, Node, Qos, RosError, Setup};
 use pfd_tests::repository;
 use tokio::sync::Notify;
 
-/// Share of the frames that must have a pose. At the camera's rate a busy machine may lose some.
-const MIN_TRACKED: f64 = 0.95;
+/// Share of the frames that must have a pose. The replay waits for the nodes, so that what else runs on the machine does not
+/// decide.
+const MIN_TRACKED: f64 = 0.99;
 /// Largest absolute error (RMSE), metres.
 const MAX_ATE: f64 = 0.03;
 
@@ -58,7 +59,7 @@ fn listen(node: &mut Node, counts: &Counts) -> Result<(), RosError> {
 }
 
 #[test]
-#[ignore = "builds and replays in real time; .ci/run calls it"]
+#[ignore = "builds and replays; .ci/run calls it"]
 fn the_demo_tracks_and_every_topic_carries_data() {
     let out = tempfile::tempdir().unwrap();
     let arguments = Arguments::parse(["--ros-args".to_owned()]).unwrap();
@@ -70,7 +71,7 @@ fn the_demo_tracks_and_every_topic_carries_data() {
     let domain = setup.domain.to_string();
     let demo = || {
         let mut command = Command::new(repository().join("launch_scripts/demo.sh"));
-        command.arg("--out").arg(out.path()).env("ROS_DOMAIN_ID", &domain);
+        command.args(["--rate", "0", "--out"]).arg(out.path()).env("ROS_DOMAIN_ID", &domain);
         let output = command.output().unwrap();
         done.notify_one();
         output
