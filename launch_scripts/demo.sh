@@ -91,7 +91,7 @@ start_nodes() {
         start tracking_node -p trajectory_file:="$out/trajectory.txt" -p frames_file:="$out/frames.csv" "${patience[@]}"
     fi
     nodes=("${pids[@]}")
-    start bag_replay_node -p sequence:="$sequence" -p rate:="$(printf '%.3f' "$rate")" -p wait_for_subscribers:=${#nodes[@]}
+    start bag_replay_node -p sequence:="$sequence" -p rate:="$(LC_ALL=C printf '%.3f' "$rate")" -p wait_for_subscribers:=${#nodes[@]}
     replay=${pids[-1]}
 }
 
