@@ -176,6 +176,7 @@ impl CameraInput {
         };
         let input = self.clone();
         let info = node.subscribe(&config.camera_info_topic, qos, move |m| input.set_camera(&m))?;
+        tracing::info!("camera: {}, {}, {}", colour.topic(), depth.topic(), info.topic());
         let mut state = self.lock();
         state.statistics = vec![colour, depth, info];
         state.graph = Some(node.graph().clone());

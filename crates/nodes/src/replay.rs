@@ -256,15 +256,18 @@ impl Player {
     fn wait_for_subscribers(&self) -> anyhow::Result<Result<(), Stopped>> {
         let lossless = self.config.rate <= 0.0;
         let wanted = (self.config.wait_for_subscribers as usize).max(usize::from(lossless));
+        if wanted == 0 {
+            return Ok(Ok(()));
+        }
         let started = Instant::now();
         let mut settled: Option<(Instant, [usize; 4])> = None;
-        while wanted > 0 {
+        loop {
             let counts = self.output.get().map_or([0; 4], |output| output.connections());
             let enough = counts[..3].iter().all(|&n| n >= wanted);
             settled =
                 settled.filter(|(_, last)| enough && *last == counts).or(enough.then(|| (Instant::now(), counts)));
             if settled.is_some_and(|(since, _)| since.elapsed() >= SETTLE) {
-                break;
+                return Ok(Ok(()));
             }
             if started.elapsed().as_secs_f64() > self.config.wait_timeout {
                 let [rgb, depth, info, _] = counts;
@@ -278,7 +281,6 @@ impl Player {
                 return Ok(Err(Stopped));
             }
         }
-        Ok(Ok(()))
     }
 }
 

@@ -38,6 +38,7 @@ pub enum DepthEncoding {
 }
 
 /// Parameters of `segmentation_node`, `tracking_node` and `slam_node`.
+#[allow(clippy::struct_excessive_bools)] // Parameters are named one by one, never passed as a row of arguments.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct NodeConfig {

@@ -88,7 +88,7 @@ impl Graph {
         let mut here = readers.iter().filter(|r| r.subscription_topic_data.topic_name() == dds_topic);
         here.all(|reader| {
             let addresses = &reader.reader_proxy.unicast_locator_list;
-            !addresses.is_empty() && addresses.iter().all(|a| SocketAddr::from(a.clone()).ip().is_loopback())
+            !addresses.is_empty() && addresses.iter().all(|a| SocketAddr::from(*a).ip().is_loopback())
         })
     }
 

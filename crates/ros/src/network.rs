@@ -1,5 +1,6 @@
 //! Which networks the node talks on, and whether the kernel's buffers are large enough for images.
 
+use std::fmt;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::Path;
 
@@ -17,6 +18,18 @@ pub enum Networks {
     All,
     /// Interfaces with these addresses.
     Only(Vec<IpAddr>),
+}
+
+impl fmt::Display for Networks {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => f.write_str("all networks"),
+            Self::Only(addresses) => {
+                let addresses: Vec<String> = addresses.iter().map(ToString::to_string).collect();
+                write!(f, "{} only (parameter `network`)", addresses.join(", "))
+            }
+        }
+    }
 }
 
 impl Networks {

@@ -22,7 +22,7 @@ const SERVICE_DEPTH: usize = 10;
 pub struct Node {
     // The order matters: tasks hold endpoints, endpoints belong to the node, the node to the context.
     tasks: JoinSet<()>,
-    node: ros2_client::Node,
+    inner: ros2_client::Node,
     context: Context,
     names: Names,
     clock: Clock,
@@ -46,7 +46,7 @@ impl Node {
         let node = context.new_node(ros_name, options).map_err(|e| failed(e.to_string()))?;
         Ok(Self {
             tasks: JoinSet::new(),
-            node,
+            inner: node,
             context,
             names: setup.names.clone(),
             clock: setup.clock.clone(),
@@ -92,7 +92,7 @@ impl Node {
     /// [`RosError`] when the name is malformed or the middleware refuses.
     pub fn publisher<M: Message>(&mut self, name: &str, qos: Qos) -> Result<Publisher<M>, RosError> {
         let (full, topic) = self.topic::<M>(Side::Publisher, name, qos)?;
-        let inner = self.node.create_publisher::<M>(&topic, None).map_err(|e| RosError::Endpoint {
+        let inner = self.inner.create_publisher::<M>(&topic, None).map_err(|e| RosError::Endpoint {
             what: "publisher",
             name: full.clone(),
             reason: e.to_string(),
@@ -111,7 +111,7 @@ impl Node {
         callback: impl FnMut(M) + Send + 'static,
     ) -> Result<TopicStatistics, RosError> {
         let (full, topic) = self.topic::<M>(Side::Subscription, name, qos)?;
-        let subscription = self.node.create_subscription::<M>(&topic, None).map_err(|e| RosError::Endpoint {
+        let subscription = self.inner.create_subscription::<M>(&topic, None).map_err(|e| RosError::Endpoint {
             what: "subscription",
             name: full.clone(),
             reason: e.to_string(),
@@ -136,7 +136,7 @@ impl Node {
         let ros_name = ros2_client::Name::parse(&full).map_err(|e| failed(e.to_string()))?;
         let type_name = ServiceTypeName::new(S::PACKAGE, S::NAME);
         let server = self
-            .node
+            .inner
             .create_server(ServiceMapping::Enhanced, &ros_name, &type_name, qos.clone(), qos)
             .map_err(|e| failed(e.to_string()))?;
         self.spawn(answer::<S>(server, full, handler));

@@ -83,6 +83,7 @@ async fn live<E: From<RosError>>(
         rosout::connect(&mut node, setup.rosout)?;
         subscribe_clock(&mut node)?;
         attach(&mut node)?;
+        tracing::info!("{} on {}, domain {}", setup.names.node(), setup.networks, setup.domain);
         tokio::select! {
             () = &mut stop => return Ok(()),
             () = done.notified() => return Ok(()),

@@ -1,4 +1,5 @@
 //! The wire structs against the `.msg` and `.srv` files that users build.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // Helpers of tests fail as tests do.
 
 use std::path::Path;
 
@@ -64,12 +65,11 @@ enum Shape {
 impl Shape {
     fn name(&self) -> String {
         match self {
-            Self::Scalar(name) => (*name).to_owned(),
             Self::Struct(name @ ("Header" | "RegionOfInterest"), _) => {
                 let package = if *name == "Header" { "std_msgs" } else { "sensor_msgs" };
                 format!("{package}/{name}")
             }
-            Self::Struct(name, _) => (*name).to_owned(),
+            Self::Scalar(name) | Self::Struct(name, _) => (*name).to_owned(),
             Self::Array(element, length) => {
                 format!("{}[{}]", element.name(), length.map_or(String::new(), |n| n.to_string()))
             }

@@ -20,7 +20,7 @@ pub fn cloud(points: impl ExactSizeIterator<Item = (Point3<f64>, [u8; 3])>, head
     let count = points.len() as u32;
     let mut data = Vec::with_capacity(points.len() * POINT_STEP as usize);
     for (p, [r, g, b]) in points {
-        [p.x, p.y, p.z].iter().for_each(|&c| data.extend((c as f32).to_le_bytes()));
+        data.extend([p.x, p.y, p.z].into_iter().flat_map(|c| (c as f32).to_le_bytes()));
         data.extend([b, g, r, 0]);
     }
     let field = |(i, name): (u32, &&str)| PointField {
