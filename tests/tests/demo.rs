@@ -59,6 +59,7 @@ fn listen(node: &mut Node, counts: &Counts) -> Result<(), RosError> {
 }
 
 #[test]
+#[allow(clippy::print_stdout)] // What the demo says belongs into the log of the checks.
 #[ignore = "builds and replays; .ci/run calls it"]
 fn the_demo_tracks_and_every_topic_carries_data() {
     let out = tempfile::tempdir().unwrap();

@@ -193,8 +193,8 @@ fn locate(path: &Path) -> Result<(PathBuf, Option<TempDir>), DatasetError> {
 }
 
 fn is_archive(path: &Path) -> bool {
-    let name = path.to_string_lossy().to_lowercase();
-    name.ends_with(".tgz") || name.ends_with(".tar.gz")
+    let has = |path: &Path, extension: &str| path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    has(path, "tgz") || has(path, "gz") && path.file_stem().is_some_and(|stem| has(Path::new(stem), "tar"))
 }
 
 /// The folder itself, or the only folder in it (archives hold the sequence in one), if it has `rgb.txt` or `depth.txt`.

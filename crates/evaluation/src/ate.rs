@@ -52,12 +52,11 @@ pub fn ate(ground_truth: &[StampedPose], estimate: &[StampedPose]) -> Result<Ate
         max_difference: MAX_TIME_DIFFERENCE,
     };
     let alignment = alignment::align(&points).ok_or_else(too_few)?;
-    let pair = |(&(_, j), &(a, b)): (&(usize, usize), &(Point3<f64>, Point3<f64>))| AtePair {
-        stamp: estimate[j].stamp,
-        ground_truth: a,
-        estimate: alignment * b,
-    };
-    let pairs: Vec<AtePair> = indices.iter().zip(&points).map(pair).collect();
+    let pairs: Vec<AtePair> = indices
+        .iter()
+        .zip(&points)
+        .map(|(&(_, j), (a, b))| AtePair { stamp: estimate[j].stamp, ground_truth: *a, estimate: alignment * b })
+        .collect();
     let statistics = Statistics::of(pairs.iter().map(AtePair::error)).ok_or_else(too_few)?;
     Ok(Ate { statistics, alignment, pairs })
 }
