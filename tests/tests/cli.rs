@@ -1,5 +1,8 @@
 //! The command line as a user calls it.
 
+// Tests fail by panicking, and so may their helpers.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use std::path::{Path, PathBuf};
 use std::process::Output;
 

@@ -1,5 +1,8 @@
 //! The evaluator against known answers of other tools: the benchmark's scripts and evo.
 
+// Tests fail by panicking, and so may their helpers.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,5 +1,8 @@
 //! `pfd-slam fetch` against a server on this machine.
 
+// Tests fail by panicking, and so may their helpers.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;

@@ -1,5 +1,8 @@
 //! What tracking does when the camera misbehaves, on the bundled frames with their ground-truth masks.
 
+// Tests fail by panicking, and so may their helpers.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use pfd_dataset::Sequence;
 use pfd_geometry::{DepthImage, Image, Mask, RgbdFrame, Stamp, StampedPose, pose};
 use pfd_tests::bundled_sequence;

@@ -1,5 +1,8 @@
 //! Sequences written to disk and read back.
 
+// Tests fail by panicking, and so may their helpers.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use std::path::Path;
 
 use image::{ImageBuffer, Luma, Rgb};
