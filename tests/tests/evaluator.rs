@@ -31,7 +31,7 @@ fn file_with(folder: &Path, part: &str) -> PathBuf {
 }
 
 fn assert_recorded(record: &BTreeMap<String, f64>, prefix: &str, s: &Statistics, fields: &[&str]) {
-    assert_eq!(record["compared_pose_pairs"], s.pairs as f64);
+    assert_eq!(record["compared_pose_pairs"] as usize, s.pairs);
     for (name, value) in named(s).into_iter().filter(|(name, _)| fields.contains(name)) {
         let known = record[&format!("{prefix}.{name}")];
         assert!((known - value).abs() <= TOLERANCE, "{prefix}.{name}: {value}, known answer {known}");

@@ -1,5 +1,6 @@
 //! Files and text that a run leaves.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use pfd_evaluation::{Statistics, write_trajectory};
@@ -67,7 +68,8 @@ fn text(s: &Summary) -> String {
         s.seed
     );
     if s.skipped > 0 {
-        text += &format!("{} frames skipped because an image could not be read or did not arrive\n", s.skipped);
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{} frames skipped because an image could not be read or did not arrive", s.skipped);
     }
     let rows: [(&str, &Option<Statistics>); 4] = [
         ("ATE (m)", &s.ate),
@@ -84,7 +86,7 @@ fn text(s: &Summary) -> String {
     for (name, p) in
         [("segmentation", s.timing_ms.segmentation), ("tracking", s.timing_ms.tracking), ("total", s.timing_ms.total)]
     {
-        text += &format!("{name:<24} median {:.1} ms  p99 {:.1} ms\n", p.median, p.p99);
+        let _ = writeln!(text, "{name:<24} median {:.1} ms  p99 {:.1} ms", p.median, p.p99);
     }
     text
 }

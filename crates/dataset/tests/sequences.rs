@@ -2,7 +2,10 @@
 
 // Tests fail by panicking, and so may their helpers.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+// Numbers that are read must be exactly those that were written.
+#![allow(clippy::float_cmp)]
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use image::{ImageBuffer, Luma, Rgb};
@@ -27,8 +30,8 @@ fn write_sequence(folder: &Path) {
         let (a, b) = (format!("rgb/{i}.png"), format!("depth/{i}.png"));
         write_image(folder, &a, i * 10);
         write_image(folder, &b, 1500 + i);
-        rgb += &format!("1.{:03} {a}\n", 40 * i);
-        depth += &format!("1.{:03} {b}\n", 40 * i + 5);
+        writeln!(rgb, "1.{:03} {a}", 40 * i).unwrap();
+        writeln!(depth, "1.{:03} {b}", 40 * i + 5).unwrap();
     }
     std::fs::write(folder.join("rgb.txt"), rgb).unwrap();
     std::fs::write(folder.join("depth.txt"), depth).unwrap();

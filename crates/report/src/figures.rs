@@ -16,7 +16,7 @@ const TIMING_BINS: usize = 40;
 /// When a plot cannot be drawn.
 pub fn trajectory(ate: Option<&Ate>, trajectory: &[StampedPose]) -> Result<Vec<String>, ReportError> {
     // With ground truth: its world, z up. Without: the first camera, x right, y down, z forward.
-    let (views, curves): ([(&str, [usize; 2]); 2], Vec<(&str, Curve)>) = match ate {
+    let (views, curves): ([View; 2], Vec<(&str, Curve)>) = match ate {
         Some(ate) => (
             [("from above", [0, 1]), ("from the side", [0, 2])],
             vec![
@@ -33,6 +33,8 @@ pub fn trajectory(ate: Option<&Ate>, trajectory: &[StampedPose]) -> Result<Vec<S
 }
 
 type Curve = Vec<(Stamp, [f64; 3])>;
+/// Name of a view, and which coordinates it shows to the right and upwards.
+type View = (&'static str, [usize; 2]);
 
 fn view(name: &str, axes: [usize; 2], curves: &[(&str, Curve)]) -> Result<String, ReportError> {
     const AXES: [&str; 3] = ["x (m)", "y (m)", "z (m)"];

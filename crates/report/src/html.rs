@@ -38,8 +38,8 @@ pub fn section(heading: &str, content: &str) -> String {
 /// A table; the cells are text, not HTML.
 pub fn table(header: &[String], rows: &[Vec<String>]) -> String {
     let row = |cells: &[String], tag: &str| {
-        let cells: String = cells.iter().map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect();
-        format!("<tr>{cells}</tr>\n")
+        let cells: Vec<String> = cells.iter().map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect();
+        format!("<tr>{}</tr>\n", cells.concat())
     };
     let body: String = rows.iter().map(|cells| row(cells, "td")).collect();
     format!("<div class=\"scroll\"><table>\n{}{body}</table></div>\n", row(header, "th"))
@@ -47,8 +47,8 @@ pub fn table(header: &[String], rows: &[Vec<String>]) -> String {
 
 /// Plots beside each other where there is room, below each other where there is not.
 pub fn plots(svgs: &[String]) -> String {
-    let figures: String = svgs.iter().map(|svg| format!("<figure>{}</figure>\n", fluid(svg))).collect();
-    format!("<div class=\"grid\">\n{figures}</div>\n")
+    let figures: Vec<String> = svgs.iter().map(|svg| format!("<figure>{}</figure>\n", fluid(svg))).collect();
+    format!("<div class=\"grid\">\n{}</div>\n", figures.concat())
 }
 
 /// Sample frames in a grid.

@@ -204,7 +204,7 @@ fn with_equal_scale(x: (f64, f64), y: (f64, f64)) -> ((f64, f64), (f64, f64)) {
     let (width, height) = (f64::from(SIZE.0) - 102.0, f64::from(SIZE.1) - 108.0);
     let unit = ((x.1 - x.0) / width).max((y.1 - y.0) / height);
     let widened = |(low, high): (f64, f64), length: f64| {
-        let (middle, half) = ((low + high) / 2.0, unit * length / 2.0);
+        let (middle, half) = (f64::midpoint(low, high), unit * length / 2.0);
         (middle - half, middle + half)
     };
     (widened(x, width), widened(y, height))

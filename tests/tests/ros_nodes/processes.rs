@@ -45,7 +45,9 @@ fn separate_nodes_composed_node_and_offline_give_the_same_trajectory() {
         let mut running: Vec<Node> = nodes.iter().map(|name| slam(name, &domain, &out)).collect();
         let mut replay = replay(&domain, &out, nodes.len() as u32, &part);
         assert!(replay.wait(PATIENCE).unwrap().success(), "{}", replay.log());
-        running.iter_mut().for_each(|node| node.stop("INT").unwrap());
+        for node in &mut running {
+            node.stop("INT").unwrap();
+        }
         // Without the header.
         frames = lines(&out.join(format!("{}.csv", nodes[nodes.len() - 1]))) - 1;
         trajectories.push(std::fs::read_to_string(out.join("trajectory.txt")).unwrap());
