@@ -19,7 +19,7 @@ use crate::node_diagnostics;
 use crate::outlet::Outlet;
 use crate::overlay;
 use crate::recorder::{FrameRecord, Recorder};
-use crate::settings::{LiveSettings, Settings};
+use crate::settings::{LiveSettings, Settings, is_changeable_in_segmentation};
 use crate::worker::{Frame, Health, Processor, Worker};
 
 /// Publishers of what the segmentation found.
@@ -161,7 +161,7 @@ pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
     let input = CameraInput::new(&config, settings.camera()?);
     let recorder = Recorder::new(&config.frames_file, &config.mask_directory)?;
     let live = LiveSettings::new(settings);
-    let parameters = live.server(setup.clock.clone());
+    let parameters = live.server(setup.clock.clone(), is_changeable_in_segmentation);
     let (output, health) = (Arc::new(Outlet::default()), Health::default());
     let processor = SegmentationProcessor {
         settings: live,

@@ -58,10 +58,14 @@ impl Settings {
     }
 }
 
-/// Parameters that take effect while the node runs.
-pub fn is_changeable(name: &str) -> bool {
-    const CHANGEABLE: [&str; 5] = ["mask_timeout", "publish_tf", "path_length", "use_sim_time", "mode"];
-    CHANGEABLE.contains(&name) || name.starts_with("segmentation.")
+/// Parameters of `tracking_node` and `slam_node` that take effect while the node runs.
+pub fn is_changeable_in_slam(name: &str) -> bool {
+    ["mask_timeout", "publish_tf", "path_length", "use_sim_time"].contains(&name)
+}
+
+/// Parameters of `segmentation_node` that take effect while the node runs.
+pub fn is_changeable_in_segmentation(name: &str) -> bool {
+    ["mode", "use_sim_time"].contains(&name) || name.starts_with("segmentation.")
 }
 
 /// The configuration as it is now; clones share it.
@@ -86,8 +90,8 @@ impl LiveSettings {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner).1
     }
 
-    /// The parameter services over these settings.
-    pub fn server(&self, clock: Clock) -> ParameterServer {
+    /// The parameter services over these settings; `changeable` says which take effect while the node runs.
+    pub fn server(&self, clock: Clock, changeable: fn(&str) -> bool) -> ParameterServer {
         let settings = self.get();
         let live = self.clone();
         let mut descriptions = describe::<SlamConfig>();
@@ -97,7 +101,7 @@ impl LiveSettings {
         ParameterServer::new(ParameterServerOptions {
             descriptions,
             values: all,
-            changeable: is_changeable,
+            changeable,
             apply: Box::new(move |values| live.apply(values, &clock)),
         })
     }

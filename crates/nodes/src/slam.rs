@@ -20,7 +20,7 @@ use crate::node_diagnostics;
 use crate::outlet::Outlet;
 use crate::recorder::{Recorder, save_trajectory};
 use crate::segmentation::MaskOutput;
-use crate::settings::{LiveSettings, Settings};
+use crate::settings::{LiveSettings, Settings, is_changeable_in_slam};
 use crate::slam_processor::SlamProcessor;
 use crate::tracking_output::TrackingOutput;
 use crate::worker::{Health, Worker};
@@ -53,7 +53,7 @@ pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
     let input = CameraInput::new(&config, settings.camera()?);
     let recorder = Recorder::new(&config.frames_file, &config.mask_directory)?;
     let live = LiveSettings::new(settings);
-    let parameters = live.server(setup.clock.clone());
+    let parameters = live.server(setup.clock.clone(), is_changeable_in_slam);
     let shared =
         Arc::new(Shared { core: Mutex::default(), transforms: Mutex::default(), paused: AtomicBool::new(false) });
     let health = Health::default();
