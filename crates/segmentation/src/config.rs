@@ -207,7 +207,7 @@ impl Default for PfdConfig {
             shadow_rejection: true,
             particle_support: true,
             fail_open: true,
-            older_reference_age: 0.2,
+            older_reference_age: 0.3,
             significance: 3.5,
             threshold: 0.5,
             min_area: 0.002,

@@ -44,8 +44,6 @@ pub(crate) struct Transformation {
     pub(crate) homography: Matrix3<f64>,
     /// Points of the current frame that do not follow the camera.
     pub(crate) rejected: Vec<[f32; 2]>,
-    /// Points that do.
-    pub(crate) kept: usize,
 }
 
 /// Corners of `goodFeaturesToTrack` that are followed besides the matches.
@@ -113,7 +111,7 @@ impl InterFrame {
         let (kept, off_line) = matches.split(|k| keep[k]); // step 5: M''
         let Some(h) = homography(&kept.previous, &kept.current, HOMOGRAPHY_THRESHOLD)? else { return Ok(None) }; // step 6
         let rejected = [outliers.current, slipped.current, off_line.current].concat();
-        Ok(Some(Transformation { homography: h.matrix, rejected, kept: kept.previous.len() }))
+        Ok(Some(Transformation { homography: h.matrix, rejected }))
     }
 
     /// Drops matches whose matched and tracked positions differ by more than three standard deviations from the mean.

@@ -3,7 +3,6 @@
 
 use pfd_geometry::DepthNoise;
 
-use super::knobs::X;
 use super::view::{Pinhole, ViewFrame};
 
 /// How easily evidence passes between neighbouring pixels, 0 (an edge) to 1.
@@ -108,15 +107,15 @@ impl Passage {
     #[inline]
     fn between(&self, (a, b): (f32, f32), (g, h): (u8, u8)) -> f32 {
         let near = a.min(b);
-        let sigma = self.offset + self.quadratic * near * near + X.slope * near;
+        let sigma = self.offset + self.quadratic * near * near + SLOPE * near;
         let depth_step = if near > 0.0 {
             (a - b).abs() * self.depth / sigma
         } else if a.max(b) > 0.0 {
-            X.missing
+            MISSING_STEP
         } else {
             0.0
         };
-        let gray_step = f32::from(g.abs_diff(h)) * self.gray * if near > 0.0 { X.mask_gray } else { 1.0 };
+        let gray_step = f32::from(g.abs_diff(h)) * self.gray;
         let x = std::f32::consts::SQRT_2 * (1.0 / self.radius + depth_step * depth_step + gray_step);
         1.0 / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
     }

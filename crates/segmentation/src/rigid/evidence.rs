@@ -6,8 +6,8 @@
 
 use pfd_geometry::DepthNoise;
 
-use super::knobs::X;
 use super::reference::{Appearance, Warp};
+use super::regions::BACKGROUND;
 use super::static_model::ModelPoint;
 use super::view::{Pinhole, ViewFrame};
 
@@ -16,13 +16,20 @@ const FREE_SPACE: f32 = 1.0;
 /// The surface stands in front of the static model.
 const BEFORE_MODEL: f32 = 1.5;
 /// Texture differs although depth agrees.
-const TEXTURE_CHANGED: f32 = 0.5;
+const TEXTURE_CHANGED: f32 = 0.35;
 /// Strong texture agrees.
 const TEXTURE_SAME: f32 = 0.4;
 /// Depth agrees: says little, because a surface that slides along itself agrees as well.
-const DEPTH_SAME: f32 = 0.04;
+const DEPTH_SAME: f32 = 0.01;
 /// Depth agrees with a surface of the static model that was confirmed often.
-const MODEL_SAME: f32 = 0.4;
+const MODEL_SAME: f32 = 0.05;
+/// Depth agrees along a depth edge, which a surface that slides along itself cannot do.
+const OUTLINE_SAME: f32 = 0.4;
+
+/// Depth step, relative to depth, from which an edge is the outline of something.
+const EDGE: f32 = 0.05;
+/// Systematic error of depth relative to depth: calibration of the sensor, and stamps of colour and depth that differ.
+const RELATIVE_ERROR: f32 = 0.015;
 /// The surface lies behind what was there: the background that something uncovered.
 const UNCOVERED: f32 = 0.15;
 /// Luma where depth is missing, compared with the static model.
@@ -75,6 +82,14 @@ impl Field {
         cell[1] += weight;
     }
 
+    /// Adds evidence for motion that agreement with earlier frames cannot weaken: standing still does not make a thing part of
+    /// the static scene.
+    fn insist(&mut self, index: usize, weight: f32) {
+        let cell = &mut self.cells[index];
+        cell[0] += weight;
+        cell[1] = cell[0];
+    }
+
     fn add_motion(&mut self, index: usize, weight: f32) {
         self.add(index, 1.0, weight);
         self.motion[index] += weight;
@@ -93,8 +108,22 @@ pub(crate) struct Scene<'a> {
     pub(crate) gradient: &'a [f32],
     /// Depth with holes filled from their borders.
     pub(crate) filled: &'a [f32],
+    /// Labels of known movers carried into this frame: where an earlier frame saw a mover, other texture now says nothing unless
+    /// it is a mover that is seen now.
+    pub(crate) carried: &'a [u16],
     /// Standard deviations from which a difference counts.
     pub(crate) significance: f32,
+}
+
+/// An earlier frame to compare with.
+pub(crate) struct Earlier<'a> {
+    pub(crate) appearance: &'a Appearance,
+    /// Where current pixels lie in it.
+    pub(crate) warp: Warp,
+    /// Uncertainty of the warp, pixels.
+    pub(crate) pixel_sigma: f32,
+    /// How much agreement says, 0 to 1: after a short time everything still looks the same.
+    pub(crate) trust: f32,
 }
 
 /// Where a depth lies relative to what was seen before.
@@ -119,7 +148,7 @@ impl Scene<'_> {
     /// Significant difference of two depths around `z`, metres.
     fn tolerance(&self, z: f32) -> f32 {
         let (offset, quadratic) = (self.noise.offset as f32, self.noise.quadratic as f32);
-        self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z) + X.rel * z
+        self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z) + RELATIVE_ERROR * z
     }
 
     /// Whether the pixel lies on the near side of a depth edge: where agreeing depth pins the surface down.
@@ -129,87 +158,69 @@ impl Scene<'_> {
     }
 
     fn has_edge(&self, near: f32, far: f32) -> bool {
-        far - near > self.tolerance(near) + X.edge_size * near
+        far - near > self.tolerance(near) + EDGE * near
     }
 
     fn is_usable(&self, z: f32) -> bool {
         z >= self.noise.min_depth as f32 && z <= self.noise.max_depth as f32
     }
 
-    /// Compares the current frame with an earlier one, on every [`STRIDE`]th pixel of every [`STRIDE`]th row, starting at
-    /// `phase`; the diffusion fills in the rest. `pixel_sigma` is the uncertainty of the warp, pixels.
-    pub(crate) fn compare_reference(
-        &self,
-        earlier: &Appearance,
-        warp: &Warp,
-        (pixel_sigma, phase, trust): (f32, usize, f32),
-        field: &mut Field,
-    ) {
+    /// Compares the current frame with earlier ones, the oldest first, on every [`STRIDE`]th pixel of every [`STRIDE`]th row,
+    /// starting at `phase`; the diffusion fills in the rest. Each pixel is judged by the oldest frame that saw its place:
+    /// there a mover has left its own silhouette the farthest behind.
+    pub(crate) fn compare_earlier(&self, earlier: &[Earlier<'_>], phase: usize, field: &mut Field) {
         let width = self.camera.width;
         for v in (phase / STRIDE % STRIDE..self.camera.height).step_by(STRIDE) {
             for i in (v * width + phase % STRIDE..(v + 1) * width).step_by(STRIDE) {
-                self.compare_pixel(i, earlier, warp, (pixel_sigma, trust), field);
+                let measured = self.frame.depth.pixels()[i];
+                let has_depth = self.is_usable(measured);
+                let z = if has_depth { measured } else { self.filled[i] };
+                if z > 0.0 {
+                    let _ = earlier.iter().any(|e| self.compare_pixel(i, (z, has_depth), e, field));
+                }
             }
         }
     }
 
+    /// Whether the earlier frame could judge the pixel.
     #[inline]
-    fn compare_pixel(
-        &self,
-        i: usize,
-        earlier: &Appearance,
-        warp: &Warp,
-        (pixel_sigma, trust): (f32, f32),
-        field: &mut Field,
-    ) {
-        let measured = self.frame.depth.pixels()[i];
-        let has_depth = self.is_usable(measured);
-        let z = if has_depth { measured } else { self.filled[i] };
-        if z <= 0.0 {
-            return;
-        }
-        let Some((p, z)) = warp.apply(self.camera, self.rays[i], z) else { return };
-        let Some(j) = self.camera.nearest(p) else { return };
-        let (near, far) = (earlier.near.pixels()[j], earlier.far.pixels()[j]);
+    fn compare_pixel(&self, i: usize, (z, has_depth): (f32, bool), earlier: &Earlier<'_>, field: &mut Field) -> bool {
+        let Some((p, z)) = earlier.warp.apply(self.camera, self.rays[i], z) else { return false };
+        let Some(j) = self.camera.nearest(p) else { return false };
+        let (near, far) = (earlier.appearance.near.pixels()[j], earlier.appearance.far.pixels()[j]);
         if has_depth && near > 0.0 {
             match self.relation(z, near, far) {
                 Relation::Nearer => {
-                    field.add_motion(i, X.free * SAMPLED);
-                    return;
+                    field.add_motion(i, FREE_SPACE * SAMPLED);
+                    return true;
                 }
-                Relation::Farther => return,
-                Relation::Same if earlier.mask[j] != 0 => return,
+                Relation::Farther => return false,
                 Relation::Same => {
                     let outline = self.is_outline(i) && self.has_edge(near, far);
-                    let weight = if outline { X.edge_same } else { X.depth_same };
-                    field.add(i, 0.0, weight * SAMPLED * trust);
+                    let weight = if outline { OUTLINE_SAME } else { DEPTH_SAME };
+                    field.add(i, 0.0, weight * SAMPLED * earlier.trust);
                 }
             }
         }
-        if earlier.mask[j] == 0 {
-            self.compare_texture(i, earlier, p, (pixel_sigma, trust), field);
-        }
+        self.compare_texture(i, earlier, (p, j), field)
     }
 
     /// The difference of texture in units of what noise and an uncertain warp explain: below one it speaks for "static", the
     /// more the stronger the texture; towards [`Self::significance`] for motion.
-    fn compare_texture(
-        &self,
-        i: usize,
-        earlier: &Appearance,
-        p: [f32; 2],
-        (pixel_sigma, trust): (f32, f32),
-        field: &mut Field,
-    ) {
-        let Some(expected) = bilinear(earlier.texture.pixels(), self.camera, p) else { return };
+    fn compare_texture(&self, i: usize, earlier: &Earlier<'_>, (p, j): ([f32; 2], usize), field: &mut Field) -> bool {
+        let Some(expected) = bilinear(earlier.appearance.texture.pixels(), self.camera, p) else { return false };
         let difference = (self.appearance.texture.pixels()[i] - expected).abs();
         let gradient = self.gradient[i];
-        let slip = gradient * pixel_sigma;
+        let slip = gradient * earlier.pixel_sigma;
         let sigma = (TEXTURE_NOISE * TEXTURE_NOISE + slip * slip).sqrt();
         let evidence = ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
         let texture = (gradient / STRONG_GRADIENT).min(1.0);
-        field.add(i, 0.0, (1.0 - evidence) * X.tex_same * texture * texture * SAMPLED * trust);
-        field.add_motion(i, evidence * X.tex_changed * SAMPLED);
+        field.add(i, 0.0, (1.0 - evidence) * TEXTURE_SAME * texture * texture * SAMPLED * earlier.trust);
+        let meaningful = earlier.appearance.mask[j] == 0 || self.carried[i] != BACKGROUND;
+        if meaningful {
+            field.add_motion(i, evidence * TEXTURE_CHANGED * SAMPLED);
+        }
+        meaningful
     }
 
     /// Compares the current frame with the static model, of which `near` and `far` are the depth range.
@@ -224,14 +235,14 @@ impl Scene<'_> {
                 continue;
             }
             match self.relation(z, near[i], far[i]) {
-                Relation::Nearer => field.add(i, 1.0, X.before),
+                Relation::Nearer => field.insist(i, BEFORE_MODEL),
                 Relation::Same => {
-                    field.explained[i] = (model[i].hits / X.sure).min(1.0);
+                    field.explained[i] = (model[i].hits / SURE_HITS).min(1.0);
                     let outline = self.is_outline(i) && self.has_edge(near[i], far[i]);
-                    let weight = if outline { X.edge_same } else { X.model_same };
+                    let weight = if outline { OUTLINE_SAME } else { MODEL_SAME };
                     field.add(i, 0.0, weight * field.explained[i]);
                 }
-                Relation::Farther => field.add(i, 0.0, X.uncovered),
+                Relation::Farther => field.add(i, 0.0, UNCOVERED),
             }
         }
     }
@@ -239,8 +250,11 @@ impl Scene<'_> {
     fn compare_luma(&self, i: usize, point: &ModelPoint, offset: f32, field: &mut Field) {
         let difference = (f32::from(self.frame.gray.pixels()[i]) - point.gray - offset).abs();
         let slip = self.gradient[i];
-        let evidence = f32::from(u8::from(difference > LUMA_TOLERANCE + slip));
-        field.add(i, evidence, X.luma);
+        if difference > LUMA_TOLERANCE + slip {
+            field.insist(i, LUMA);
+        } else {
+            field.add(i, 0.0, LUMA);
+        }
     }
 
     /// Mean luma difference between frame and model where depth agrees: the change of exposure.

@@ -4,7 +4,6 @@ mod corners;
 mod diffusion;
 mod ego_motion;
 mod evidence;
-mod knobs;
 mod motion;
 mod objects;
 mod reference;

@@ -1,6 +1,5 @@
 //! Moving things through time: identity, image motion, rest.
 
-use super::knobs::X;
 use super::motion::CornerMove;
 use super::regions::{BACKGROUND, Component};
 use super::view::Pinhole;
@@ -20,6 +19,17 @@ pub(crate) struct Object {
     pub(crate) last_motion: f64,
     /// How well established it is, 0 to 1: what was seen to move for long is remembered for long.
     pub(crate) confidence: f32,
+    /// The highest confidence it had.
+    pub(crate) peak: f32,
+}
+
+/// How log-odds are updated.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Policy {
+    /// Share of evidence for motion at which it balances.
+    pub(crate) threshold: f32,
+    /// Whether the last frame's odds are the start.
+    pub(crate) memory: bool,
 }
 
 /// The objects of the last frame, as labels in its view.
@@ -40,19 +50,28 @@ pub(crate) struct Objects {
 }
 
 impl Objects {
+    /// Labels carried into the current frame.
+    pub(crate) fn carried(&self) -> &[u16] {
+        &self.carried
+    }
+
     /// Updates the log-odds of pixel `i` by fresh evidence: `share` of the information speaks for motion, `weight` is its
     /// amount, `explained` how surely the static model explains the pixel. What was established to move and is not explained
     /// by the static model is let go slowly.
-    pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, memory: bool) {
+    pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, policy: Policy) {
         let label = self.carried[i];
-        let remembered = memory && label != BACKGROUND;
+        let remembered = policy.memory && label != BACKGROUND;
         let (before, confidence) = if remembered {
             (self.carried_odds[i], self.confidences.get(label as usize).copied().unwrap_or(0.0))
         } else {
-            (X.init, 0.0)
+            (INITIAL_ODDS, 0.0)
         };
-        let change = X.gain * 2.0 * (share - X.bias) * weight / (weight + X.half);
-        let hold = if change < 0.0 { 1.0 - X.hold * confidence * (1.0 - explained) } else { 1.0 };
+        let change = GAIN * 2.0 * (share - policy.threshold) * weight / (weight + HALF_WEIGHT);
+        let hold = if change < 0.0 {
+            1.0 - HOLD * confidence * (1.0 - explained) * HOLD_WEIGHT / (HOLD_WEIGHT + weight)
+        } else {
+            1.0
+        };
         self.odds[i] = (before + change * hold).clamp(-MAX_ODDS, MAX_ODDS);
     }
 }
@@ -61,18 +80,22 @@ impl Objects {
 /// comes nearer by 6 m/s.
 const MAX_DEPTH_STEP: f32 = 0.2;
 
+/// One pixel in this many must be carried for a component to continue an object.
+const CONTINUED_PART: usize = 4;
 /// Log-odds of a pixel about which nothing is known: static.
 const INITIAL_ODDS: f32 = -0.5;
 /// Largest change of the log-odds per frame.
 const GAIN: f32 = 1.5;
 /// Weight of evidence that has half that effect.
-const HALF_WEIGHT: f32 = 0.15;
+const HALF_WEIGHT: f32 = 0.05;
 /// Log-odds saturate here: two clear frames outweigh any history.
 const MAX_ODDS: f32 = 2.5;
-/// Share of the evidence against motion that is ignored for an established object that the static model does not explain.
+/// Share of weak evidence against motion that is ignored for an established object that the static model does not explain.
 const HOLD: f32 = 0.95;
+/// Weight of evidence against motion that halves this indulgence.
+const HOLD_WEIGHT: f32 = 0.3;
 /// Mean evidence of motion per compared pixel from which an object counts as moving.
-const MOVING_SHARE: f32 = 0.01;
+const MOVING_SHARE: f32 = 0.005;
 /// Confidence gained per frame at most: an object is established after a third of a second.
 const MAX_GAIN: f32 = 0.1;
 /// Confidence lost per frame: a second without motion takes a third of it.
@@ -88,7 +111,7 @@ impl Objects {
         }
         for odds in [&mut self.odds, &mut self.carried_odds] {
             odds.clear();
-            odds.resize(pixels, X.init);
+            odds.resize(pixels, INITIAL_ODDS);
         }
     }
 
@@ -157,6 +180,12 @@ impl Objects {
         out
     }
 
+    /// Whether a good part of the component was carried from an object of the last frame.
+    pub(crate) fn continues(&self, component: &Component) -> bool {
+        let carried = component.pixels.iter().filter(|&&i| self.carried[i as usize] != BACKGROUND).count();
+        carried * CONTINUED_PART > component.pixels.len()
+    }
+
     /// The old object that most of the component's carried pixels belong to.
     fn best_match(&self, component: &Component, taken: &[bool]) -> Option<usize> {
         let most = self.list.iter().map(|o| o.label).max()?;
@@ -175,13 +204,15 @@ impl Objects {
             self.next_id += 1;
         }
         let last_motion = if moving > MOVING_SHARE { now } else { old.map_or(now, |o| o.last_motion) };
+        let confidence = (old.map_or(0.0, |o| o.confidence) + moving.min(MAX_GAIN) - FORGETTING).clamp(0.0, 1.0);
         Object {
             id,
             label,
             pixels: c.pixels,
             velocity: old.map_or([0.0; 2], |o| o.velocity),
             last_motion,
-            confidence: (old.map_or(0.0, |o| o.confidence) + moving.min(MAX_GAIN) - FORGETTING).clamp(0.0, 1.0),
+            confidence,
+            peak: old.map_or(0.0, |o| o.peak).max(confidence),
         }
     }
 }

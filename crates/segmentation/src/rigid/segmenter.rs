@@ -6,10 +6,9 @@ use pfd_geometry::{Camera, DepthNoise, RgbdFrame, StageTimes};
 use pfd_vision::VisionError;
 
 use super::diffusion::{Conductance, EdgeScales};
-use super::evidence::{Field, MIN_HITS, STRIDE, Scene, fill_rows, steepest_gradient};
-use super::knobs::X;
+use super::evidence::{Earlier, Field, MIN_HITS, STRIDE, Scene, fill_rows, steepest_gradient};
 use super::motion::{MotionEstimate, MotionEstimator};
-use super::objects::{Object, Objects};
+use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
 use super::regions::{BACKGROUND, Component, components, fill_holes};
 use super::report;
@@ -92,19 +91,23 @@ const CORNER_RADIUS: usize = 2;
 /// Weight of the assumption "static" where nothing is known.
 const PRIOR: f32 = 0.04;
 /// Regions start where the log-odds exceed this.
-const HYSTERESIS: f32 = 0.4;
+const HYSTERESIS: f32 = 0.3;
+/// Mean log-odds from which a region that continues nothing is believed.
+const NEW_ODDS: f32 = 0.2;
 /// Uncertainty of a warp, working pixels: interpolation and pose, …
 const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
 const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
 /// Particles gather on a region at this many times their mean density, …
-const MIN_DENSITY: f64 = 1.0;
+const MIN_DENSITY: f64 = 0.5;
 /// … or are at least this share of all.
 const MAX_SUPPORT: f64 = 0.2;
+/// Something that hardly ever moved rests after this share of the time that an established mover takes.
+const MIN_REST: f64 = 0.2;
 /// Passes of the diffusion.
 const DIFFUSION_PASSES: usize = 2;
 /// What stops the diffusion.
-const EDGES: EdgeScales = EdgeScales { radius: 20.0, depth: 2.0, gray: 80.0 };
+const EDGES: EdgeScales = EdgeScales { radius: 30.0, depth: 2.0, gray: 80.0 };
 /// Holes of a mask up to this share of the image are filled.
 const HOLE_SHARE: f64 = 0.002;
 
@@ -203,15 +206,15 @@ impl RigidSegmenter {
         for reference in &mut self.history {
             reference.motion = reference.motion.then(&estimate.motion);
         }
-        self.compare_references(estimate.flow, time);
+        self.objects.update_velocities(&estimate.corners, dt);
+        self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
+        self.compare_earlier(estimate.flow, time);
         if self.config.static_model {
             self.compare_model(&estimate.motion);
         }
         for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
             splat(&camera, corner.to, &mut self.field);
         }
-        self.objects.update_velocities(&estimate.corners, dt);
-        self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -223,33 +226,40 @@ impl RigidSegmenter {
             appearance: &self.appearance,
             gradient: &self.buffers.gradient,
             filled: &self.buffers.filled,
+            carried: self.objects.carried(),
             significance: self.config.significance as f32,
         }
     }
 
-    fn compare_references(&mut self, flow: f32, time: f64) {
+    fn compare_earlier(&mut self, flow: f32, time: f64) {
         let mut field = std::mem::take(&mut self.field);
-        let scene = self.scene();
-        let sigma = X.warp + X.warpf * flow;
-        for reference in self.chosen_references(time) {
-            let trust = ((time - reference.time) / self.config.older_reference_age).min(1.0) as f32;
-            let trust = X.prev + (1.0 - X.prev) * trust;
-            let warp = reference.motion.warp();
-            scene.compare_reference(
-                &reference.appearance,
-                &warp,
-                (sigma, self.frames % (STRIDE * STRIDE), trust),
-                &mut field,
-            );
-        }
+        let age_wanted = self.config.older_reference_age;
+        let earlier: Vec<Earlier<'_>> = self
+            .references(time)
+            .into_iter()
+            .map(|reference| Earlier {
+                appearance: &reference.appearance,
+                warp: reference.motion.warp(),
+                pixel_sigma: WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow,
+                trust: ((time - reference.time) / age_wanted).clamp(0.0, 1.0) as f32,
+            })
+            .collect();
+        self.scene().compare_earlier(&earlier, self.frames % (STRIDE * STRIDE), &mut field);
+        drop(earlier);
         self.field = field;
     }
 
-    /// The previous frame, and the one nearest to the configured age.
-    fn chosen_references(&self, time: f64) -> impl Iterator<Item = &Reference> {
-        let error = |r: &Reference| ((time - r.time) - self.config.older_reference_age).abs();
-        let older = self.history.iter().skip(1).min_by(|a, b| error(a).total_cmp(&error(b)));
-        self.history.front().into_iter().chain(older.filter(|_| self.config.older_reference))
+    /// The frames of the configured age and of half that age, and the previous one.
+    fn references(&self, time: f64) -> Vec<&Reference> {
+        let nearest = |age: f64| {
+            let error = |r: &Reference| ((time - r.time) - age).abs();
+            self.history.iter().enumerate().min_by(|a, b| error(a.1).total_cmp(&error(b.1)))
+        };
+        let age = self.config.older_reference_age;
+        let older = [age, age / 2.0].into_iter().filter(|_| self.config.older_reference).filter_map(nearest);
+        let mut chosen: Vec<(usize, &Reference)> = older.chain(self.history.front().map(|r| (0, r))).collect();
+        chosen.dedup_by_key(|c| c.0);
+        chosen.into_iter().map(|(_, r)| r).collect()
     }
 
     fn compare_model(&mut self, motion: &FrameMotion) {
@@ -270,16 +280,12 @@ impl RigidSegmenter {
     fn diffuse(&mut self) {
         let camera = &self.view.camera;
         let b = &mut self.buffers;
-        b.conductance.update(
-            camera,
-            &self.noise,
-            &self.current,
-            &EdgeScales { radius: X.radius, depth: X.edge, gray: X.gray },
-        );
+        b.conductance.update(camera, &self.noise, &self.current, &EDGES);
         b.conductance.diffuse(camera.width, &mut self.field.cells, DIFFUSION_PASSES);
+        let policy = Policy { threshold: self.config.threshold as f32, memory: self.config.temporal };
         for (i, &[evidence, weight]) in self.field.cells.iter().enumerate() {
-            let fresh = (evidence / (weight + X.prior), weight + X.prior);
-            self.objects.update_odds(i, fresh, self.field.explained[i], self.config.temporal);
+            let fresh = (evidence / (weight + PRIOR), weight + PRIOR);
+            self.objects.update_odds(i, fresh, self.field.explained[i], policy);
         }
     }
 
@@ -299,11 +305,16 @@ impl RigidSegmenter {
         }
     }
 
-    /// Whether more particles gather on a component than chance would put there.
-    fn is_supported(&self, component: &Component) -> bool {
+    /// Whether a component that continues no object is believed: clear evidence on average and, if configured, more particles
+    /// on it than chance would put there.
+    fn is_convincing(&self, component: &Component) -> bool {
+        let count = component.pixels.len();
+        let odds: f32 = component.pixels.iter().map(|&i| self.objects.odds[i as usize]).sum();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
-        let share = component.pixels.len() as f64 / self.view.camera.pixels() as f64;
-        f64::from(gathered) > self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT)
+        let share = count as f64 / self.view.camera.pixels() as f64;
+        let expected = self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT);
+        let supported = !self.config.particle_support || f64::from(gathered) > expected;
+        odds > NEW_ODDS * count as f32 && supported
     }
 
     /// Regions of the camera image and the particles on each.
@@ -326,8 +337,7 @@ impl RigidSegmenter {
         let b = &mut self.buffers;
         let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
         let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
-        let (check, supported) = (self.config.particle_support, |c: &Component| self.is_supported(c));
-        let found = found.into_iter().filter(|c| !check || supported(c)).collect();
+        let found = found.into_iter().filter(|c| self.objects.continues(c) || self.is_convincing(c)).collect();
         self.objects.update(found, &self.field.motion, time);
         self.release(time);
         self.draw_mask();
@@ -337,7 +347,7 @@ impl RigidSegmenter {
     fn release(&mut self, time: f64) {
         let rest = self.config.rest_time;
         let (camera, frame, model) = (&self.view.camera, &self.current, &mut self.model);
-        let rested = self.objects.release(|o| time - o.last_motion > rest);
+        let rested = self.objects.release(|o| time - o.last_motion > rest * f64::from(o.peak).max(MIN_REST));
         for i in rested.into_iter().flat_map(|o| o.pixels) {
             adopt(camera, frame, model, i as usize);
         }
@@ -435,8 +445,8 @@ fn splat(camera: &super::view::Pinhole, centre: usize, field: &mut Field) {
     for y in v.saturating_sub(CORNER_RADIUS)..(v + CORNER_RADIUS + 1).min(camera.height) {
         for x in u.saturating_sub(CORNER_RADIUS)..(u + CORNER_RADIUS + 1).min(camera.width) {
             let i = y * camera.width + x;
-            field.add(i, 1.0, X.corner);
-            field.motion[i] += X.corner;
+            field.add(i, 1.0, CORNER);
+            field.motion[i] += CORNER;
         }
     }
 }

@@ -1,0 +1,204 @@
+//! Properties of segmentation on small rendered scenes: a textured wall and a box in front of it.
+
+use pfd_geometry::{Camera, DepthImage, Distortion, Image, RgbdFrame, Stamp};
+use pfd_segmentation::{Mode, Segmentation, SegmentationConfig, SegmentationError, Segmenter, Status};
+use proptest::prelude::*;
+
+const WIDTH: usize = 320;
+const HEIGHT: usize = 240;
+/// Depth of the wall and of the box, metres.
+const WALL: f32 = 3.0;
+const BOX: f32 = 1.5;
+
+fn camera(width: usize, height: usize) -> Camera {
+    let focal = 0.82 * width.max(2) as f64;
+    let center = [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
+    Camera::new((width, height), [focal, focal, center[0], center[1]], Distortion::default()).unwrap()
+}
+
+fn stamp(frame: usize) -> Stamp {
+    Stamp::from_secs_f64(1000.0 + frame as f64 / 30.0).unwrap()
+}
+
+/// A value in 0..=255 that looks random but depends on the cell only.
+fn noise(x: usize, y: usize, salt: u32) -> u8 {
+    let mut h = (x as u32).wrapping_mul(0x9E37_79B1) ^ (y as u32).wrapping_mul(0x85EB_CA77) ^ salt;
+    h = (h ^ (h >> 15)).wrapping_mul(0x2C1B_3C6D);
+    (h >> 24) as u8
+}
+
+/// The wall, and the box with its left top corner at `(x, 80)` if there is one.
+fn scene(frame: usize, x: Option<usize>) -> RgbdFrame {
+    let mut rgb = Image::filled(WIDTH, HEIGHT, [0_u8; 3]);
+    let mut depth = Image::filled(WIDTH, HEIGHT, WALL);
+    for v in 0..HEIGHT {
+        for u in 0..WIDTH {
+            let inside = x.is_some_and(|x| (x..x + 70).contains(&u) && (80..190).contains(&v));
+            let value = if inside { noise((u - x.unwrap_or(0)) / 6, v / 6, 7) } else { noise(u / 5, v / 5, 1) };
+            rgb[(u, v)] = [value; 3];
+            if inside {
+                depth[(u, v)] = BOX;
+            }
+        }
+    }
+    RgbdFrame::new(stamp(frame), rgb, DepthImage::from_metres(depth)).unwrap()
+}
+
+fn segmenter(mode: Mode) -> Segmenter {
+    Segmenter::new(camera(WIDTH, HEIGHT), mode, &SegmentationConfig::default(), 1).unwrap()
+}
+
+/// Recall and precision of a mask for the box at `x`.
+fn score(result: &Segmentation, x: usize) -> (f64, f64) {
+    let (mut hit, mut marked) = (0.0, 0.0);
+    for v in 0..HEIGHT {
+        for u in 0..WIDTH {
+            if result.mask.is_dynamic(u, v) {
+                marked += 1.0;
+                hit += f64::from(u8::from((x..x + 70).contains(&u) && (80..190).contains(&v)));
+            }
+        }
+    }
+    (hit / (70.0 * 110.0), hit / f64::max(marked, 1.0))
+}
+
+#[test]
+fn a_box_that_comes_in_is_masked_within_three_frames_and_nothing_else_is() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    for frame in 0..10 {
+        let result = segmenter.segment(&scene(frame, None)).unwrap();
+        assert_eq!(result.mask.fraction(), 0.0, "frame {frame} of a static scene");
+    }
+    for step in 0..10 {
+        let x = 20 + 8 * step;
+        let result = segmenter.segment(&scene(10 + step, Some(x))).unwrap();
+        let (recall, precision) = score(&result, x);
+        assert!(step < 3 || (recall > 0.9 && precision > 0.9), "step {step}: recall {recall}, precision {precision}");
+        if step == 9 {
+            let region = &result.regions[0];
+            assert_eq!(result.regions.len(), 1);
+            assert!((region.depth_interval[0] - BOX).abs() < 0.05 && (region.depth_interval[1] - BOX).abs() < 0.05);
+            assert!(region.bounding_box.x.abs_diff(x as u32) < 6 && region.bounding_box.width.abs_diff(70) < 10);
+            assert!((region.image_velocity.x - 240.0).abs() < 40.0, "{}", region.image_velocity);
+        }
+    }
+}
+
+#[test]
+fn a_box_that_is_put_down_becomes_part_of_the_scene() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    for frame in 0..10 {
+        segmenter.segment(&scene(frame, None)).unwrap();
+    }
+    for step in 0..15 {
+        segmenter.segment(&scene(10 + step, Some(20 + 8 * step))).unwrap();
+    }
+    let rest = SegmentationConfig::default().pfd.rest_time;
+    let (mut paused, mut rested) = (0.0, 1.0);
+    for frame in 25..25 + (rest * 45.0) as usize {
+        let fraction = segmenter.segment(&scene(frame, Some(132))).unwrap().mask.fraction();
+        if frame == 30 {
+            paused = fraction;
+        }
+        rested = fraction;
+    }
+    assert!(paused > 0.08, "a pause of a sixth of a second: {paused}");
+    assert_eq!(rested, 0.0);
+}
+
+#[test]
+fn every_mode_starts_with_an_empty_mask_and_keeps_the_size() {
+    for mode in Mode::ALL {
+        let mut segmenter = segmenter(mode);
+        for frame in 0..4 {
+            let result = segmenter.segment(&scene(frame, Some(20 + 8 * frame))).unwrap();
+            assert_eq!(result.mask.image().size(), (WIDTH, HEIGHT));
+            assert_eq!(result.regions.len(), result.particles.len());
+            if frame == 0 {
+                assert_eq!(result.mask.fraction(), 0.0);
+                assert!(mode == Mode::None || result.status == Status::FirstFrame);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_frame_of_another_size_is_refused_and_the_next_is_not() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    let small =
+        RgbdFrame::new(stamp(0), Image::filled(32, 24, [9_u8; 3]), DepthImage::from_metres(Image::filled(32, 24, 1.0)));
+    assert!(matches!(segmenter.segment(&small.unwrap()), Err(SegmentationError::Frame(_))));
+    assert!(segmenter.segment(&scene(1, None)).is_ok());
+}
+
+#[test]
+fn the_same_seed_gives_the_same_result() {
+    for mode in [Mode::Pfd, Mode::Paper] {
+        let run = || {
+            let mut segmenter = segmenter(mode);
+            (0..8)
+                .map(|frame| {
+                    let result = segmenter.segment(&scene(frame, Some(20 + 8 * frame))).unwrap();
+                    (result.mask, result.regions, result.particles)
+                })
+                .collect::<Vec<_>>()
+        };
+        assert_eq!(run(), run(), "{mode}");
+    }
+}
+
+#[test]
+fn reset_is_a_new_start() {
+    let mut used = segmenter(Mode::Pfd);
+    for frame in 0..5 {
+        used.segment(&scene(frame, Some(20 + 8 * frame))).unwrap();
+    }
+    used.reset();
+    let mut fresh = segmenter(Mode::Pfd);
+    for frame in 0..5 {
+        let input = scene(frame, Some(40 + 8 * frame));
+        let (a, b) = (used.segment(&input).unwrap(), fresh.segment(&input).unwrap());
+        assert_eq!((a.mask, a.regions), (b.mask, b.regions));
+    }
+}
+
+#[test]
+fn parameters_out_of_range_are_named() {
+    let mut config = SegmentationConfig::default();
+    config.particles.count = 0;
+    let error = Segmenter::new(camera(64, 48), Mode::Pfd, &config, 0).unwrap_err();
+    assert!(error.to_string().contains("particles.count"), "{error}");
+}
+
+/// A frame whose depth is arbitrary: zeros, tiny, huge and ordinary values.
+fn fuzzed(width: usize, height: usize) -> impl Strategy<Value = RgbdFrame> {
+    let value = prop_oneof![Just(0.0_f32), Just(1e-6), Just(1e6), Just(f32::NAN), 0.3..6.0_f32];
+    let depth = prop::collection::vec(value, width * height);
+    let colour = prop::collection::vec(any::<[u8; 3]>(), width * height);
+    (depth, colour).prop_map(move |(depth, colour)| {
+        let depth = DepthImage::from_metres(Image::from_vec(width, height, depth).unwrap());
+        RgbdFrame::new(stamp(0), Image::from_vec(width, height, colour).unwrap(), depth).unwrap()
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn any_size_and_any_depth(
+        frames in (1..90_usize, 1..70_usize).prop_flat_map(|(w, h)| prop::collection::vec(fuzzed(w, h), 3)),
+        mode in prop::sample::select(&Mode::ALL[..]),
+    ) {
+        let (width, height) = frames[0].rgb().size();
+        let mut segmenter = Segmenter::new(camera(width, height), mode, &SegmentationConfig::default(), 3).unwrap();
+        for frame in &frames {
+            let result = segmenter.segment(frame).unwrap();
+            prop_assert_eq!(result.mask.image().size(), (width, height));
+            for region in &result.regions {
+                prop_assert!(region.particle_mean.iter().all(|x| x.is_finite()));
+                prop_assert!(region.particle_covariance.iter().all(|x| x.is_finite()));
+                prop_assert!(region.depth_interval.iter().all(|x| x.is_finite()));
+            }
+        }
+    }
+}
