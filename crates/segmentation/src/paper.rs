@@ -45,6 +45,9 @@ const MIN_HALF_INTERVAL: f32 = 0.15;
 /// A contour smaller than this share of the image is no object.
 const MIN_AREA: f64 = 0.002;
 
+/// The region of an object: its outline, its depth interval in metres, and the particles on it.
+type Located = (Contour, [f32; 2], Vec<Particle>);
+
 impl PaperSegmenter {
     pub(crate) fn new(size: (usize, usize), mode: Mode, config: &SegmentationConfig, seed: u64) -> Self {
         let objects = if mode == Mode::Single { 1 } else { config.paper.max_objects };
@@ -118,7 +121,7 @@ impl PaperSegmenter {
     }
 
     /// Steps 5 to 7: clusters particles, then their depths, and cuts out the region.
-    fn locate(&self, k: usize, depth: &DepthImage) -> Result<Option<(Contour, [f32; 2], Vec<Particle>)>, VisionError> {
+    fn locate(&self, k: usize, depth: &DepthImage) -> Result<Option<Located>, VisionError> {
         let particles = self.filters[k].particles();
         let Some(cluster) = clustering::clusters(particles, self.size).into_iter().next() else { return Ok(None) };
         let members: Vec<Particle> = cluster.into_iter().map(|i| particles[i]).collect();

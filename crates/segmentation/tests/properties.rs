@@ -1,5 +1,7 @@
 //! Properties of segmentation on small rendered scenes: a textured wall and a box in front of it.
 
+#![allow(clippy::unwrap_used)] // helpers of tests may panic: that is how tests fail
+
 use pfd_geometry::{Camera, DepthImage, Distortion, Image, RgbdFrame, Stamp};
 use pfd_segmentation::{Mode, Segmentation, SegmentationConfig, SegmentationError, Segmenter, Status};
 use proptest::prelude::*;

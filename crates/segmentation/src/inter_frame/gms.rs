@@ -121,9 +121,9 @@ impl<'a> Statistics<'a> {
             return None;
         }
         let (mut support, mut features, mut pairs) = (0_u32, 0_u32, 0_u32);
-        for k in 0..RING.len() {
+        for (k, step) in RING.into_iter().enumerate() {
             let turned = if k < 8 { (k + turn) % 8 } else { k };
-            let (Some(p), Some(q)) = (self.first.neighbour(i, RING[k]), self.second.neighbour(j, RING[turned])) else {
+            let (Some(p), Some(q)) = (self.first.neighbour(i, step), self.second.neighbour(j, RING[turned])) else {
                 continue;
             };
             support += u32::from(self.matches[p * self.columns + q]);
