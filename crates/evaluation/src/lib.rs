@@ -1,7 +1,7 @@
 //! How good a trajectory or a mask is.
 //!
-//! * [`ate`]: absolute trajectory error after rigid alignment, without scale (Sturm et al., IROS 2012, eq. 3).
-//! * [`rpe`]: relative pose error per second (Sturm et al., eq. 2).
+//! * [`ate()`]: absolute trajectory error after rigid alignment, without scale (Sturm et al., IROS 2012, eq. 3).
+//! * [`rpe()`]: relative pose error per second (Sturm et al., eq. 2).
 //! * [`masks`]: precision, recall, intersection over union of motion masks.
 //!
 //! Trajectories are `T_world_camera`; the worlds of ground truth and estimate may differ.
