@@ -256,7 +256,7 @@ impl Default for PaperConfig {
             flow_sigmas: 3.0,
             max_objects: 3,
             noise_floor: 25,
-            min_evidence: 20.0,
+            min_evidence: 2.0,
             depth_clusters: 3,
             border: 10,
         }
