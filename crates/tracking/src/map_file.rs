@@ -1,7 +1,7 @@
 //! Maps in files.
 //!
 //! A file is, in this order: the eight bytes `PFDSLAM\0`; the version of the format (u32, little endian); the CRC-32 of the
-//! payload (u32, little endian); the payload: [`MapRecord`] in the postcard encoding (<https://postcard.jamesmunns.com>).
+//! payload (u32, little endian); the payload: `MapRecord` in the postcard encoding (<https://postcard.jamesmunns.com>).
 
 use std::path::{Path, PathBuf};
 

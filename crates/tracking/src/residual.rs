@@ -84,6 +84,8 @@ fn normalize(pixel_error: &nalgebra::Vector2<f64>, z: f64, measured: &Measuremen
 }
 
 #[cfg(test)]
+// num-dual asks for functions that take their argument by value.
+#[allow(clippy::large_types_passed_by_value)]
 mod tests {
     use super::*;
     use nalgebra::{SVector, U9, Vector6};
@@ -111,7 +113,6 @@ mod tests {
             let measured = Measurement { pixel: Point2::new(300.0, 200.0), sigma: 1.3, depth: Some((2.0, 0.02)) };
             let analytic = linearize(&camera, &pose, &point, &measured).unwrap();
             let rotation = pose.rotation.to_rotation_matrix();
-            #[allow(clippy::large_types_passed_by_value)] // the signature that num-dual asks for
             let evaluate = |parameters: SVector<Dual, 9>| {
                 let (xi, p) = parameters.as_slice().split_at(6);
                 let turned: [Dual; 3] = std::array::from_fn(|i| {

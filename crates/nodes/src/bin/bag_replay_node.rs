@@ -6,6 +6,6 @@ fn main() -> ExitCode {
     pfd_slam_nodes::app::main(
         "bag_replay_node",
         "Replays a sequence in TUM layout as if it were a camera.",
-        |args, names| pfd_slam_nodes::replay::run(args, names),
+        pfd_slam_nodes::replay::run,
     )
 }

@@ -6,6 +6,6 @@ fn main() -> ExitCode {
     pfd_slam_nodes::app::main(
         "segmentation_node",
         "Finds what moves in the images of an RGB-D camera.",
-        |args, names| pfd_slam_nodes::segmentation::run(args, names),
+        pfd_slam_nodes::segmentation::run,
     )
 }
