@@ -5,34 +5,39 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How often to look.
 pub const PERIOD: Duration = Duration::from_millis(250);
+/// Time in which the threads of a new participant must be running; they name themselves when they first run.
+const STARTUP: Duration = Duration::from_secs(2);
 /// Names of the threads, cut to the 15 characters that Linux keeps.
 const THREADS: [&str; 2] = ["RustDDS Partici", "RustDDS discove"];
 
 /// Watches the threads of one participant.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Watchdog {
     before: BTreeSet<String>,
     watched: BTreeSet<String>,
+    deadline: Instant,
 }
 
 impl Watchdog {
     /// To be made before the participant, whose threads are those that come later.
     pub fn new() -> Self {
-        Self { before: middleware_threads(), watched: BTreeSet::new() }
+        Self { before: middleware_threads(), watched: BTreeSet::new(), deadline: Instant::now() + STARTUP }
     }
 
-    /// Whether a thread that was there is gone. Threads are taken note of when they are first seen.
+    /// Whether a thread is gone: one that was seen, or one that did not show up in time because it died before anyone looked.
     pub fn is_dead(&mut self) -> bool {
+        self.is_dead_at(Instant::now())
+    }
+
+    fn is_dead_at(&mut self, time: Instant) -> bool {
         let now = middleware_threads();
-        let dead = self.watched.iter().any(|id| !now.contains(id));
-        if self.watched.len() < THREADS.len() {
-            self.watched = now.difference(&self.before).cloned().collect();
-        }
-        dead
+        self.watched.extend(now.difference(&self.before).cloned());
+        let complete = self.watched.len() >= THREADS.len();
+        !self.watched.is_subset(&now) || (!complete && time >= self.deadline)
     }
 }
 
@@ -49,23 +54,39 @@ fn middleware_threads() -> BTreeSet<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::{Sender, channel};
+    use std::thread::JoinHandle;
+
     use super::*;
 
-    #[test]
-    fn a_thread_that_ends_is_noticed() {
-        let mut watchdog = Watchdog::new();
-        let (stop, stopped) = std::sync::mpsc::channel::<()>();
-        let (started, start) = std::sync::mpsc::channel::<()>();
+    /// Runs until the sender is dropped.
+    fn thread(name: &str) -> (Sender<()>, JoinHandle<()>) {
+        let (stop, stopped) = channel::<()>();
+        let (started, start) = channel::<()>();
         let body = move || {
             started.send(()).unwrap();
             let _ = stopped.recv();
         };
-        let thread = std::thread::Builder::new().name("RustDDS Participant 7 event loop".into()).spawn(body).unwrap();
+        let thread = std::thread::Builder::new().name(name.into()).spawn(body).unwrap();
         start.recv().unwrap();
+        (stop, thread)
+    }
+
+    // One test, as threads of parallel tests would be taken for the middleware's.
+    #[test]
+    fn a_thread_that_ends_or_never_shows_up_is_noticed() {
+        let mut watchdog = Watchdog::new();
+        let (stop, event_loop) = thread("RustDDS Participant 7 event loop");
+        let (_run, _discovery) = thread("RustDDS discovery");
         assert!(!watchdog.is_dead());
-        assert!(!watchdog.is_dead());
+        let mut late = Watchdog::new();
         drop(stop);
-        thread.join().unwrap();
+        event_loop.join().unwrap();
         assert!(watchdog.is_dead());
+
+        let (_run, _event_loop) = thread("RustDDS Participant 8 event loop");
+        let deadline = late.deadline;
+        assert!(!late.is_dead(), "the other thread may still come");
+        assert!(late.is_dead_at(deadline), "the other thread has died early");
     }
 }

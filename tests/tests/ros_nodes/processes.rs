@@ -74,9 +74,7 @@ fn a_suspended_node_joins_anew_and_goes_on() {
     let mut node = slam("slam_node", &domain, folder.path());
     let mut replay = replay(&domain, folder.path(), 1, &["-p", "duration:=3.0", "-p", "acknowledge_timeout:=5.0"]);
     replay.wait_for("frames", PATIENCE).unwrap();
-    node.signal("STOP").unwrap();
-    node.signal("CONT").unwrap();
-    node.wait_for("joining anew", Duration::from_secs(30)).unwrap();
+    node.suspend_until("joining anew", Duration::from_secs(60)).unwrap();
     assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), node.log());
     node.stop("TERM").unwrap();
 }

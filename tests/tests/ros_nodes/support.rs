@@ -53,6 +53,26 @@ impl Node {
         Ok(())
     }
 
+    /// Suspends it and lets it go on until the log has a text. Once may not do: a suspension harms the middleware only while one of
+    /// its threads waits in the kernel.
+    ///
+    /// # Errors
+    /// When the text has not come in time or the process is gone.
+    pub(crate) fn suspend_until(&self, text: &str, timeout: Duration) -> anyhow::Result<()> {
+        /// More than the time in which the node looks after its middleware.
+        const NOTICE: Duration = Duration::from_secs(5);
+        let deadline = Instant::now() + timeout;
+        loop {
+            self.signal("STOP")?;
+            self.signal("CONT")?;
+            match self.wait_for(text, NOTICE) {
+                Err(error) if Instant::now() >= deadline => return Err(error),
+                Err(_) => {}
+                Ok(()) => return Ok(()),
+            }
+        }
+    }
+
     /// Waits for the end of the process.
     ///
     /// # Errors
