@@ -165,6 +165,8 @@ pub struct PfdConfig {
     pub static_model: bool,
     /// Extent of a moving region.
     pub region: RegionShape,
+    /// Extend what moves over the rest of the thing that it is a part of: a gesturing person is more than arms.
+    pub whole_things: bool,
     /// Carry regions through time.
     pub temporal: bool,
     /// Ignore changes of brightness that leave the local texture as it is.
@@ -203,6 +205,7 @@ impl Default for PfdConfig {
             older_reference: true,
             static_model: true,
             region: RegionShape::DepthEdges,
+            whole_things: true,
             temporal: true,
             shadow_rejection: true,
             particle_support: true,

@@ -92,6 +92,13 @@ impl ParticleFilter {
         }
     }
 
+    /// One step: move by `dt` seconds, weigh by `evidence`, resample.
+    pub fn advance(&mut self, dt: f64, evidence: impl Fn(&Particle) -> f32) {
+        self.predict(dt);
+        self.weigh_by(evidence);
+        self.resample();
+    }
+
     /// Weighs the particles by evidence that was smoothed with the kernel of Eq. 3 (step 3). `scale` is evidence pixels per
     /// particle pixel. Returns the mean evidence under the particles.
     pub fn weigh(&mut self, smoothed: &Image<f32>, scale: f32) -> f64 {

@@ -6,7 +6,7 @@
 
 use pfd_geometry::DepthNoise;
 
-use super::reference::{Appearance, Warp};
+use super::reference::{Appearance, RANGE_RADIUS, Warp};
 use super::regions::BACKGROUND;
 use super::static_model::ModelPoint;
 use super::view::{Pinhole, ViewFrame};
@@ -122,9 +122,22 @@ pub(crate) struct Earlier<'a> {
     pub(crate) warp: Warp,
     /// Uncertainty of the warp, pixels.
     pub(crate) pixel_sigma: f32,
+    /// See [`depth_shift`].
+    pub(crate) shift: f32,
     /// How much agreement says, 0 to 1: after a short time everything still looks the same.
     pub(crate) trust: f32,
 }
+
+/// Pixels by which depth may be displaced against colour when the image moves by `flow` pixels per frame now and moved by
+/// `flow_then` in the frame of comparison: the two are not taken at the same instant.
+pub(crate) fn depth_shift(flow: f32, flow_then: f32) -> f32 {
+    LAG * (flow + flow_then)
+}
+
+/// Time between depth and colour in frames: unsynchronised streams are paired with up to half a frame between them.
+const LAG: f32 = 0.5;
+/// Depth change per pixel and metre of depth beyond which a neighbourhood holds an edge and not a slope.
+const MAX_SLOPE: f32 = 0.02;
 
 /// Where a depth lies relative to what was seen before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -135,10 +148,14 @@ enum Relation {
 }
 
 impl Scene<'_> {
-    fn relation(&self, z: f32, near: f32, far: f32) -> Relation {
-        if z < near - self.tolerance(near) {
+    /// `shift`: pixels by which depth may be displaced beyond the neighbourhood of which `near` and `far` are the range. On a
+    /// surface seen at a grazing angle each of them is a centimetre and more.
+    fn relation(&self, z: f32, [near, far]: [f32; 2], shift: f32) -> Relation {
+        let slope = (far - near) / (2 * RANGE_RADIUS) as f32;
+        let slack = shift * slope.min(MAX_SLOPE * near);
+        if z < near - self.tolerance(near) - slack {
             Relation::Nearer
-        } else if z > far + self.tolerance(far) {
+        } else if z > far + self.tolerance(far) + slack {
             Relation::Farther
         } else {
             Relation::Same
@@ -189,7 +206,7 @@ impl Scene<'_> {
         let Some(j) = self.camera.nearest(p) else { return false };
         let (near, far) = (earlier.appearance.near.pixels()[j], earlier.appearance.far.pixels()[j]);
         if has_depth && near > 0.0 {
-            match self.relation(z, near, far) {
+            match self.relation(z, [near, far], earlier.shift) {
                 Relation::Nearer => {
                     field.add_motion(i, FREE_SPACE * SAMPLED);
                     return true;
@@ -224,7 +241,7 @@ impl Scene<'_> {
     }
 
     /// Compares the current frame with the static model, of which `near` and `far` are the depth range.
-    pub(crate) fn compare_model(&self, model: &[ModelPoint], near: &[f32], far: &[f32], field: &mut Field) {
+    pub(crate) fn compare_model(&self, model: &[ModelPoint], [near, far]: [&[f32]; 2], shift: f32, field: &mut Field) {
         let offset = self.luma_offset(model);
         for (i, &z) in self.frame.depth.pixels().iter().enumerate() {
             if near[i] <= 0.0 {
@@ -234,7 +251,7 @@ impl Scene<'_> {
                 self.compare_luma(i, &model[i], offset, field);
                 continue;
             }
-            match self.relation(z, near[i], far[i]) {
+            match self.relation(z, [near[i], far[i]], shift) {
                 Relation::Nearer => field.insist(i, BEFORE_MODEL),
                 Relation::Same => {
                     field.explained[i] = (model[i].hits / SURE_HITS).min(1.0);

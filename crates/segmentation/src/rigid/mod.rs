@@ -11,6 +11,7 @@ mod regions;
 mod report;
 mod segmenter;
 mod static_model;
+mod surfaces;
 mod view;
 
 pub(crate) use segmenter::{Outcome, RigidSegmenter};

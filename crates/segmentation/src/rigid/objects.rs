@@ -2,6 +2,7 @@
 
 use super::motion::CornerMove;
 use super::regions::{BACKGROUND, Component};
+use super::surfaces::{NO_SURFACE, Surface, Surfaces};
 use super::view::Pinhole;
 
 /// A moving thing.
@@ -19,6 +20,8 @@ pub(crate) struct Object {
     pub(crate) last_motion: f64,
     /// How well established it is, 0 to 1: what was seen to move for long is remembered for long.
     pub(crate) confidence: f32,
+    /// Recent mean evidence of motion per pixel: how lively it is now.
+    pub(crate) liveliness: f32,
     /// The highest confidence it had.
     pub(crate) peak: f32,
 }
@@ -77,8 +80,15 @@ impl Objects {
 }
 
 /// A surface keeps its label only where depth changed by less than this from frame to frame, metres: at 30 Hz nothing in a room
-/// comes nearer by 6 m/s.
-const MAX_DEPTH_STEP: f32 = 0.2;
+/// comes nearer by 3 m/s.
+const MAX_DEPTH_STEP: f32 = 0.1;
+/// Log-odds of pixels that belong to an object only because the rest of its surface does.
+const COMPLETED_ODDS: f32 = 0.3;
+/// Liveliness from which weak evidence against motion counts fully: all of such an object is seen to move, what does not was
+/// uncovered by it. Of the compared pixels, one in four, nearly half show it.
+const LIVELY: f32 = 0.1;
+/// Share of the newest frame in the liveliness: it spans some three frames.
+const LIVELINESS_GAIN: f32 = 0.3;
 
 /// One pixel in this many must be carried for a component to continue an object.
 const CONTINUED_PART: usize = 4;
@@ -133,7 +143,7 @@ impl Objects {
         self.confidences.clear();
         self.confidences.resize(labels, 0.0);
         for object in &self.list {
-            self.confidences[object.label as usize] = object.confidence;
+            self.confidences[object.label as usize] = object.confidence * (1.0 - object.liveliness / LIVELY).max(0.0);
             let (dx, dy) = (object.velocity[0] * dt as f32, object.velocity[1] * dt as f32);
             for &i in &object.pixels {
                 let (u, v) = ((i as usize % camera.width) as f32 + dx, (i as usize / camera.width) as f32 + dy);
@@ -165,6 +175,35 @@ impl Objects {
         for object in &self.list {
             for &i in &object.pixels {
                 self.labels[i as usize] = object.label;
+            }
+        }
+    }
+
+    /// Extends each object over the surfaces that belong to it: those for which `belongs` holds, given the number of pixels of the
+    /// surface that the object already has.
+    pub(crate) fn complete(&mut self, surfaces: &Surfaces, belongs: impl Fn(&Surface, u32) -> bool) {
+        let mut shares = vec![0_u32; surfaces.list.len()];
+        let mut owners = vec![BACKGROUND; surfaces.list.len()];
+        for object in &self.list {
+            shares.fill(0);
+            for surface in object.pixels.iter().map(|&i| surfaces.labels[i as usize]).filter(|&s| s != NO_SURFACE) {
+                shares[surface as usize] += 1;
+            }
+            for ((owner, &share), surface) in owners.iter_mut().zip(&shares).zip(&surfaces.list) {
+                if share > 0 && *owner == BACKGROUND && belongs(surface, share) {
+                    *owner = object.label;
+                }
+            }
+        }
+        for (i, &surface) in surfaces.labels.iter().enumerate() {
+            if self.labels[i] != BACKGROUND || surface == NO_SURFACE || owners[surface as usize] == BACKGROUND {
+                continue;
+            }
+            let owner = owners[surface as usize];
+            if let Some(object) = self.list.iter_mut().find(|o| o.label == owner) {
+                self.labels[i] = owner;
+                self.odds[i] = self.odds[i].max(COMPLETED_ODDS);
+                object.pixels.push(i as u32);
             }
         }
     }
@@ -205,7 +244,9 @@ impl Objects {
         }
         let last_motion = if moving > MOVING_SHARE { now } else { old.map_or(now, |o| o.last_motion) };
         let confidence = (old.map_or(0.0, |o| o.confidence) + moving.min(MAX_GAIN) - FORGETTING).clamp(0.0, 1.0);
+        let liveliness = old.map_or(moving, |o| o.liveliness + LIVELINESS_GAIN * (moving - o.liveliness));
         Object {
+            liveliness,
             id,
             label,
             pixels: c.pixels,

@@ -124,6 +124,8 @@ pub(crate) struct Reference {
     pub(crate) time: f64,
     /// Motion from then to now.
     pub(crate) motion: FrameMotion,
+    /// Image motion when it was taken, pixels per frame.
+    pub(crate) flow: f32,
     /// What it looked like.
     pub(crate) appearance: Appearance,
 }
@@ -162,7 +164,7 @@ pub(crate) fn depth_range(width: usize, depth: &[f32], spare: &mut [Vec<f32>; 2]
 }
 
 /// Half the side of the neighbourhood, working pixels.
-const RANGE_RADIUS: usize = 2;
+pub(crate) const RANGE_RADIUS: usize = 2;
 
 #[cfg(test)]
 mod tests {

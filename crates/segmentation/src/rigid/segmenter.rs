@@ -6,13 +6,14 @@ use pfd_geometry::{Camera, DepthNoise, RgbdFrame, StageTimes};
 use pfd_vision::VisionError;
 
 use super::diffusion::{Conductance, EdgeScales};
-use super::evidence::{Earlier, Field, MIN_HITS, STRIDE, Scene, fill_rows, steepest_gradient};
+use super::evidence::{Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
 use super::motion::{MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
 use super::regions::{BACKGROUND, Component, components, fill_holes};
 use super::report;
 use super::static_model::StaticModel;
+use super::surfaces::Surfaces;
 use super::view::{Motion, View, ViewFrame};
 use crate::config::{Compensation, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig};
 use crate::particle_filter::{Particle, ParticleFilter};
@@ -44,16 +45,22 @@ pub(crate) struct RigidSegmenter {
     model: StaticModel,
     pub(crate) objects: Objects,
     last_time: f64,
+    /// Image motion since the previous frame, pixels.
+    flow: f32,
     failures: usize,
     /// Frames processed, which sets the pixels that are compared.
     frames: usize,
     buffers: Buffers,
+    surfaces: Surfaces,
     /// Follows the evidence (paper, section 3.2), in pixels of the camera image.
     filter: ParticleFilter,
+    /// Looks for new objects: the same without the evidence on those that are known (algorithm 2, step 9), which would otherwise
+    /// keep all particles.
+    search: ParticleFilter,
     particles: ParticleConfig,
     /// Evidence of this frame.
     pub(crate) field: Field,
-    /// Particles per working pixel.
+    /// Searching particles per working pixel.
     support: Vec<u16>,
     /// 255 where something moves.
     pub(crate) mask: Vec<u8>,
@@ -104,8 +111,12 @@ const MIN_DENSITY: f64 = 0.5;
 const MAX_SUPPORT: f64 = 0.2;
 /// Something that hardly ever moved rests after this share of the time that an established mover takes.
 const MIN_REST: f64 = 0.2;
+/// Share of a thing that must be seen to move for all of it to count as moving: about an arm of a person.
+const MOVING_PART: f32 = 0.12;
 /// Passes of the diffusion.
 const DIFFUSION_PASSES: usize = 2;
+/// Makes the random numbers of the search others than those of the filter.
+const SEARCH_STREAM: u64 = 0x9E37_79B9_7F4A_7C15;
 /// What stops the diffusion.
 const EDGES: EdgeScales = EdgeScales { radius: 30.0, depth: 2.0, gray: 80.0 };
 /// Holes of a mask up to this share of the image are filled.
@@ -126,10 +137,13 @@ impl RigidSegmenter {
             model: StaticModel::new(&view.camera),
             objects: Objects::default(),
             last_time: 0.0,
+            flow: 0.0,
             failures: 0,
             frames: 0,
             buffers: Buffers::default(),
+            surfaces: Surfaces::default(),
             filter: ParticleFilter::new((camera.width, camera.height), config.particles, seed),
+            search: ParticleFilter::new((camera.width, camera.height), config.particles, seed ^ SEARCH_STREAM),
             particles: config.particles,
             field: Field::default(),
             support: Vec::new(),
@@ -144,6 +158,7 @@ impl RigidSegmenter {
     pub(crate) fn reset(&mut self) {
         self.estimator = MotionEstimator::new(&self.config, self.noise, self.seed);
         self.filter = ParticleFilter::new(self.view.source_size(), self.particles, self.seed);
+        self.search = ParticleFilter::new(self.view.source_size(), self.particles, self.seed ^ SEARCH_STREAM);
         self.history.clear();
         self.model.clear();
         self.objects.clear(self.view.camera.pixels());
@@ -206,11 +221,12 @@ impl RigidSegmenter {
         for reference in &mut self.history {
             reference.motion = reference.motion.then(&estimate.motion);
         }
+        self.flow = estimate.flow;
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
         self.compare_earlier(estimate.flow, time);
         if self.config.static_model {
-            self.compare_model(&estimate.motion);
+            self.compare_model(&estimate.motion, estimate.flow);
         }
         for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
             splat(&camera, corner.to, &mut self.field);
@@ -241,6 +257,7 @@ impl RigidSegmenter {
                 appearance: &reference.appearance,
                 warp: reference.motion.warp(),
                 pixel_sigma: WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow,
+                shift: depth_shift(flow, reference.flow),
                 trust: ((time - reference.time) / age_wanted).clamp(0.0, 1.0) as f32,
             })
             .collect();
@@ -262,7 +279,7 @@ impl RigidSegmenter {
         chosen.into_iter().map(|(_, r)| r).collect()
     }
 
-    fn compare_model(&mut self, motion: &FrameMotion) {
+    fn compare_model(&mut self, motion: &FrameMotion, flow: f32) {
         let camera = self.view.camera;
         self.model.advance(&camera, &Motion::from(&motion.T_earlier_current.inverse()));
         let b = &mut self.buffers;
@@ -272,7 +289,8 @@ impl RigidSegmenter {
         b.model_far.resize(camera.pixels(), 0.0);
         depth_range(camera.width, &b.model_depth, &mut b.range, &mut b.model_near, &mut b.model_far);
         let mut field = std::mem::take(&mut self.field);
-        self.scene().compare_model(self.model.points(), &self.buffers.model_near, &self.buffers.model_far, &mut field);
+        let range = [&self.buffers.model_near[..], &self.buffers.model_far];
+        self.scene().compare_model(self.model.points(), range, depth_shift(flow, self.flow), &mut field);
         self.field = field;
     }
 
@@ -292,13 +310,14 @@ impl RigidSegmenter {
     /// One step of the particle filter on the odds of motion: smoothed within surfaces, they are the kernel-weighted
     /// evidence of Eq. 3 that does not cross depth edges.
     fn follow(&mut self, dt: f64) {
-        let (view, odds) = (&self.view, &self.objects.odds);
-        self.filter.predict(dt);
-        self.filter.weigh_by(|p| view.to_working(p.x, p.y).map_or(0.0, |i| odds[i].max(0.0)));
-        self.filter.resample();
+        let (view, odds, carried) = (&self.view, &self.objects.odds, self.objects.carried());
+        let evidence = |i: usize| odds[i].max(0.0);
+        let unexplained = |i: usize| if carried[i] == BACKGROUND { evidence(i) } else { 0.0 };
+        self.filter.advance(dt, |p| view.to_working(p.x, p.y).map_or(0.0, evidence));
+        self.search.advance(dt, |p| view.to_working(p.x, p.y).map_or(0.0, unexplained));
         self.support.clear();
         self.support.resize(view.camera.pixels(), 0);
-        for p in self.filter.particles() {
+        for p in self.search.particles() {
             if let Some(i) = view.to_working(p.x, p.y) {
                 self.support[i] += 1;
             }
@@ -339,8 +358,23 @@ impl RigidSegmenter {
         let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
         let found = found.into_iter().filter(|c| self.objects.continues(c) || self.is_convincing(c)).collect();
         self.objects.update(found, &self.field.motion, time);
+        self.complete();
         self.release(time);
         self.draw_mask();
+    }
+
+    /// Extends objects over things of which they hold a good part: whoever stands and gestures is more than arms.
+    fn complete(&mut self) {
+        if !self.config.whole_things {
+            return;
+        }
+        let camera = self.view.camera;
+        let (labels, cells) = (&self.objects.labels, &self.field.cells);
+        let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| cells[i][0] / (cells[i][1] + PRIOR));
+        self.surfaces.update(&camera, &self.noise, self.current.depth.pixels(), doubt);
+        self.objects.complete(&self.surfaces, |surface, moving| {
+            moving as f32 > MOVING_PART * surface.pixels as f32 && surface.is_thing(&camera)
+        });
     }
 
     /// Lets go of what has rested long enough: it becomes part of the static scene.
@@ -405,7 +439,7 @@ impl RigidSegmenter {
         let spare = recycled.map_or_else(Appearance::default, |r| r.appearance);
         let mut appearance = std::mem::replace(&mut self.appearance, spare);
         appearance.mask.clone_from(&self.mask);
-        self.history.push_front(Reference { time, motion: FrameMotion::none(homography), appearance });
+        self.history.push_front(Reference { time, motion: FrameMotion::none(homography), flow: self.flow, appearance });
         self.estimator.advance(&self.current)?;
         std::mem::swap(&mut self.previous, &mut self.current);
         self.last_time = time;

@@ -1,0 +1,221 @@
+//! Surfaces of a depth image: pixels that connect without a depth step, as candidates for whole things.
+
+use pfd_geometry::DepthNoise;
+
+use super::view::Pinhole;
+
+/// Depth steps of more than this many standard deviations of the sensor, on top of the slope, separate surfaces.
+const STEP_SIGMAS: f32 = 3.0;
+/// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (about 80°).
+const SLOPE: f32 = 0.02;
+
+/// Label of pixels without depth.
+pub(crate) const NO_SURFACE: u32 = u32::MAX;
+
+/// Connected surfaces of one frame.
+#[derive(Debug, Default)]
+pub(crate) struct Surfaces {
+    /// Index of the surface per working pixel, [`NO_SURFACE`] without depth.
+    pub(crate) labels: Vec<u32>,
+    /// What is known of each.
+    pub(crate) list: Vec<Surface>,
+    parents: Vec<u32>,
+}
+
+/// One connected surface. Counts with "still" in the name leave out the pixels that are known to move: they tell what the rest is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Surface {
+    /// Its pixels.
+    pub(crate) pixels: u32,
+    /// Sum of their depths, metres.
+    depth: f32,
+    /// Left- and rightmost column.
+    columns: [u32; 2],
+    /// Still border pixels at which it hides what is behind it.
+    hides: u32,
+    /// Still border pixels at which it is hidden or cut by the image border.
+    hidden: u32,
+    /// Still pixels.
+    still: u32,
+    /// Sum of the shares of evidence for motion of still pixels.
+    doubt: f32,
+}
+
+/// Things are not wider than this, metres: two people side by side.
+const MAX_WIDTH: f32 = 1.2;
+/// Things stand before their surroundings on at least this share of their border.
+const MIN_FRONT: f32 = 0.5;
+/// Mean share of evidence for motion that the still part of a thing shows at least; what surely is static has less.
+const MIN_DOUBT: f32 = 0.12;
+
+impl Surface {
+    /// Whether it may be a thing (a person, a box) of which a part is known to move, and not a thing's surroundings that connect
+    /// with it.
+    pub(crate) fn is_thing(&self, camera: &Pinhole) -> bool {
+        let front = self.hides as f32 > MIN_FRONT * (self.hides + self.hidden) as f32;
+        front && self.width(camera) < MAX_WIDTH && self.doubt >= MIN_DOUBT * self.still as f32
+    }
+
+    /// Width at the mean depth, metres.
+    fn width(&self, camera: &Pinhole) -> f32 {
+        let z = self.depth / self.pixels.max(1) as f32;
+        (self.columns[1] - self.columns[0] + 1) as f32 * z / camera.fx
+    }
+
+    fn add(&mut self, u: u32, z: f32, doubt: Option<f32>) {
+        let [left, right] = if self.pixels == 0 { [u, u] } else { self.columns };
+        self.columns = [left.min(u), right.max(u)];
+        self.pixels += 1;
+        self.depth += z;
+        self.still += u32::from(doubt.is_some());
+        self.doubt += doubt.unwrap_or(0.0);
+    }
+}
+
+impl Surfaces {
+    /// Finds the surfaces of a depth image (metres, 0 = none). `doubt` is the share of evidence for motion, `None` for pixels that
+    /// are known to move.
+    pub(crate) fn update(
+        &mut self,
+        camera: &Pinhole,
+        noise: &DepthNoise,
+        depth: &[f32],
+        doubt: impl Fn(usize) -> Option<f32>,
+    ) {
+        let width = camera.width;
+        self.parents.clear();
+        self.parents.extend(0..depth.len() as u32);
+        let connected = |a: f32, b: f32| {
+            let z = a.min(b);
+            let sigma = std::f32::consts::SQRT_2 * (noise.offset as f32 + noise.quadratic as f32 * z * z);
+            z > 0.0 && (a - b).abs() < STEP_SIGMAS * sigma + SLOPE * z
+        };
+        for (i, &z) in depth.iter().enumerate() {
+            if i % width > 0 && connected(z, depth[i - 1]) {
+                join(&mut self.parents, i, i - 1);
+            }
+            if i >= width && connected(z, depth[i - width]) {
+                join(&mut self.parents, i, i - width);
+            }
+        }
+        self.collect(width, depth, &doubt);
+        self.judge_borders(width, depth, &|i| doubt(i).is_some());
+    }
+
+    fn collect(&mut self, width: usize, depth: &[f32], doubt: &impl Fn(usize) -> Option<f32>) {
+        self.list.clear();
+        self.labels.clear();
+        self.labels.resize(depth.len(), NO_SURFACE);
+        for (i, &z) in depth.iter().enumerate() {
+            if z <= 0.0 {
+                continue;
+            }
+            // The root of a set is its smallest index, so it has its label already.
+            let root = find(&mut self.parents, i);
+            if root == i {
+                self.labels[i] = self.list.len() as u32;
+                self.list.push(Surface::default());
+            }
+            let label = self.labels[root];
+            self.labels[i] = label;
+            self.list[label as usize].add((i % width) as u32, z, doubt(i));
+        }
+    }
+
+    fn judge_borders(&mut self, width: usize, depth: &[f32], still: &impl Fn(usize) -> bool) {
+        for v in 0..depth.len() / width.max(1) {
+            self.judge_line(v * width..(v + 1) * width, depth, still);
+        }
+        for u in 0..width {
+            self.judge_line((u..depth.len()).step_by(width), depth, still);
+        }
+    }
+
+    /// Counts who is in front along a row or column; pixels without depth in between are skipped.
+    fn judge_line(&mut self, line: impl Iterator<Item = usize>, depth: &[f32], still: &impl Fn(usize) -> bool) {
+        let mut last: Option<usize> = None;
+        for i in line.filter(|&i| depth[i] > 0.0) {
+            let before = last.replace(i);
+            if before.is_some_and(|b| self.labels[b] == self.labels[i]) {
+                continue;
+            }
+            match before {
+                Some(b) if depth[b] < depth[i] => self.count_border(b, i, still),
+                Some(b) => self.count_border(i, b, still),
+                None => self.count_hidden(i, still),
+            }
+        }
+        if let Some(end) = last {
+            self.count_hidden(end, still);
+        }
+    }
+
+    fn count_border(&mut self, near: usize, far: usize, still: &impl Fn(usize) -> bool) {
+        self.list[self.labels[near] as usize].hides += u32::from(still(near));
+        self.count_hidden(far, still);
+    }
+
+    fn count_hidden(&mut self, i: usize, still: &impl Fn(usize) -> bool) {
+        self.list[self.labels[i] as usize].hidden += u32::from(still(i));
+    }
+}
+
+/// The root of a set, halving the path (Tarjan and van Leeuwen 1984).
+fn find(parents: &mut [u32], mut i: usize) -> usize {
+    while parents[i] as usize != i {
+        parents[i] = parents[parents[i] as usize];
+        i = parents[i] as usize;
+    }
+    i
+}
+
+fn join(parents: &mut [u32], a: usize, b: usize) {
+    let (a, b) = (find(parents, a), find(parents, b));
+    let (low, high) = (a.min(b), a.max(b));
+    parents[high] = low as u32;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole { width: 8, height: 2, fx: 8.0, fy: 8.0, cx: 3.5, cy: 0.5 };
+
+    fn surfaces(row: [f32; 8], doubt: f32) -> Surfaces {
+        let mut surfaces = Surfaces::default();
+        surfaces.update(&CAMERA, &DepthNoise::default(), &[row, row].concat(), |_| Some(doubt));
+        surfaces
+    }
+
+    #[test]
+    fn a_step_separates_and_a_slope_does_not() {
+        let surfaces = surfaces([1.0, 1.01, 1.02, 1.03, 2.0, 2.0, 0.0, 2.0], 0.0);
+        let sizes: Vec<u32> = surfaces.list.iter().map(|s| s.pixels).collect();
+        assert_eq!(sizes, [8, 4, 2]);
+        assert_eq!(surfaces.labels[6], NO_SURFACE);
+        assert_eq!(surfaces.labels[8], 0);
+        assert!((surfaces.list[1].width(&CAMERA) - 0.5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_thing_stands_before_its_surroundings() {
+        // Something in the middle at 1 m, a wall at 2 m that shows on both sides, 8 pixels of image border above and below.
+        let row = [2.0, 2.0, 2.0, 1.0, 1.0, 2.0, 2.0, 2.0];
+        let found = surfaces(row, 0.5);
+        // Two rows: left and right border of each row against the two columns' ends above and below.
+        assert_eq!((found.list[1].hides, found.list[1].hidden), (4, 4));
+        assert_eq!(found.list[0].hides, 0);
+        assert!(!found.list[0].is_thing(&CAMERA), "the wall is behind");
+        assert!(!surfaces([1.0; 8], 0.5).list[0].is_thing(&CAMERA), "nothing behind it");
+    }
+
+    #[test]
+    fn what_surely_is_static_is_no_thing() {
+        let thing =
+            Surface { pixels: 100, depth: 100.0, columns: [3, 5], hides: 30, hidden: 10, still: 80, doubt: 20.0 };
+        assert!(thing.is_thing(&CAMERA));
+        assert!(!Surface { doubt: 1.0, ..thing }.is_thing(&CAMERA));
+        assert!(!Surface { depth: 500.0, ..thing }.is_thing(&CAMERA), "almost two metres wide");
+        assert!(!Surface { hidden: 40, ..thing }.is_thing(&CAMERA));
+    }
+}
