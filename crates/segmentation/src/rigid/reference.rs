@@ -135,32 +135,46 @@ pub(crate) struct Reference {
 /// Two pixels are what registration of depth to colour, rolling shutter and the sensor's ragged edges move an edge by.
 pub(crate) fn depth_range(width: usize, depth: &[f32], spare: &mut [Vec<f32>; 2], near: &mut [f32], far: &mut [f32]) {
     let [low, high] = spare;
-    for s in [&mut *low, &mut *high] {
-        s.resize(depth.len(), 0.0);
+    // Rows with a margin that does not change a minimum or maximum, so that the inner loops have no cases.
+    for (row, neutral) in [(&mut *low, f32::INFINITY), (&mut *high, 0.0)] {
+        row.clear();
+        row.resize(width + 2 * RANGE_RADIUS, neutral);
     }
     let height = depth.len() / width.max(1);
     for v in 0..height {
         let rows = v.saturating_sub(RANGE_RADIUS)..(v + RANGE_RADIUS + 1).min(height);
-        let (l, h) = (&mut low[v * width..(v + 1) * width], &mut high[v * width..(v + 1) * width]);
+        let inside = RANGE_RADIUS..RANGE_RADIUS + width;
+        let (l, h) = (&mut low[inside.clone()], &mut high[inside]);
         l.fill(f32::INFINITY);
         h.fill(0.0);
         for row in rows.map(|r| &depth[r * width..(r + 1) * width]) {
             for ((l, h), &z) in l.iter_mut().zip(h.iter_mut()).zip(row) {
-                *l = l.min(if z > 0.0 { z } else { f32::INFINITY });
-                *h = h.max(z);
+                *l = smaller(*l, if z > 0.0 { z } else { f32::INFINITY });
+                *h = larger(*h, z);
             }
         }
+        let here = v * width..(v + 1) * width;
+        spread_row(low, &depth[here.clone()], &mut near[here.clone()], smaller);
+        spread_row(high, &depth[here.clone()], &mut far[here], larger);
     }
-    for v in 0..height {
-        let (l, h) = (&low[v * width..(v + 1) * width], &high[v * width..(v + 1) * width]);
-        for u in 0..width {
-            let i = v * width + u;
-            let columns = u.saturating_sub(RANGE_RADIUS)..(u + RANGE_RADIUS + 1).min(width);
-            let measured = depth[i] > 0.0;
-            near[i] = if measured { l[columns.clone()].iter().copied().fold(f32::INFINITY, f32::min) } else { 0.0 };
-            far[i] = if measured { h[columns].iter().copied().fold(0.0, f32::max) } else { 0.0 };
-        }
+}
+
+/// Combines each value of a row (with margin) with its neighbours; 0 where `depth` is 0.
+fn spread_row(row: &[f32], depth: &[f32], out: &mut [f32], combine: impl Fn(f32, f32) -> f32) {
+    for ((o, w), &z) in out.iter_mut().zip(row.windows(2 * RANGE_RADIUS + 1)).zip(depth) {
+        let all = w.iter().copied().reduce(&combine).unwrap_or(0.0);
+        *o = if z > 0.0 { all } else { 0.0 };
     }
+}
+
+/// `f32::min` for numbers, without its care for NaN: one instruction.
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+/// `f32::max` in the same way.
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
 
 /// Half the side of the neighbourhood, working pixels.

@@ -365,7 +365,7 @@ impl RigidSegmenter {
 
     /// Extends objects over things of which they hold a good part: whoever stands and gestures is more than arms.
     fn complete(&mut self) {
-        if !self.config.whole_things {
+        if !self.config.whole_things || self.objects.list.is_empty() {
             return;
         }
         let camera = self.view.camera;

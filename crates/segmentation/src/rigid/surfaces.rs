@@ -19,7 +19,11 @@ pub(crate) struct Surfaces {
     pub(crate) labels: Vec<u32>,
     /// What is known of each.
     pub(crate) list: Vec<Surface>,
+    /// For each run of connected pixels of a row, an earlier run of the same surface, or itself.
     parents: Vec<u32>,
+    surface_of_run: Vec<u32>,
+    /// Last pixel with depth of each column.
+    above: Vec<Option<usize>>,
 }
 
 /// One connected surface. Counts with "still" in the name leave out the pixels that are known to move: they tell what the rest is.
@@ -82,71 +86,91 @@ impl Surfaces {
         depth: &[f32],
         doubt: impl Fn(usize) -> Option<f32>,
     ) {
-        let width = camera.width;
-        self.parents.clear();
-        self.parents.extend(0..depth.len() as u32);
+        self.connect(camera.width, noise, depth);
+        self.collect(camera.width, depth, &doubt);
+        self.judge_borders(camera.width, depth, &|i| doubt(i).is_some());
+    }
+
+    /// Gives every run of connected pixels of a row an index, and joins the indices of runs that connect with the row above.
+    fn connect(&mut self, width: usize, noise: &DepthNoise, depth: &[f32]) {
+        let (offset, quadratic) = (noise.offset as f32, noise.quadratic as f32);
         let connected = |a: f32, b: f32| {
-            let z = a.min(b);
-            let sigma = std::f32::consts::SQRT_2 * (noise.offset as f32 + noise.quadratic as f32 * z * z);
+            let z = if a < b { a } else { b };
+            let sigma = std::f32::consts::SQRT_2 * (offset + quadratic * z * z);
             z > 0.0 && (a - b).abs() < STEP_SIGMAS * sigma + SLOPE * z
         };
-        for (i, &z) in depth.iter().enumerate() {
-            if i % width > 0 && connected(z, depth[i - 1]) {
-                join(&mut self.parents, i, i - 1);
-            }
-            if i >= width && connected(z, depth[i - width]) {
-                join(&mut self.parents, i, i - width);
-            }
-        }
-        self.collect(width, depth, &doubt);
-        self.judge_borders(width, depth, &|i| doubt(i).is_some());
-    }
-
-    fn collect(&mut self, width: usize, depth: &[f32], doubt: &impl Fn(usize) -> Option<f32>) {
-        self.list.clear();
+        self.parents.clear();
         self.labels.clear();
         self.labels.resize(depth.len(), NO_SURFACE);
-        for (i, &z) in depth.iter().enumerate() {
-            if z <= 0.0 {
+        let mut joined = (NO_SURFACE, NO_SURFACE);
+        for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z > 0.0) {
+            let run = if i % width > 0 && connected(z, depth[i - 1]) {
+                self.labels[i - 1]
+            } else {
+                self.parents.push(self.parents.len() as u32);
+                self.parents.len() as u32 - 1
+            };
+            self.labels[i] = run;
+            if i >= width && connected(z, depth[i - width]) {
+                let contact = (run, self.labels[i - width]);
+                // Two runs mostly touch along many pixels.
+                if contact != joined {
+                    join(&mut self.parents, contact.0, contact.1);
+                    joined = contact;
+                }
+            }
+        }
+    }
+
+    /// From indices of runs to surfaces.
+    fn collect(&mut self, width: usize, depth: &[f32], doubt: &impl Fn(usize) -> Option<f32>) {
+        self.list.clear();
+        self.surface_of_run.clear();
+        self.surface_of_run.resize(self.parents.len(), NO_SURFACE);
+        for i in 0..depth.len() {
+            let run = self.labels[i];
+            if run == NO_SURFACE {
                 continue;
             }
-            // The root of a set is its smallest index, so it has its label already.
-            let root = find(&mut self.parents, i);
-            if root == i {
-                self.labels[i] = self.list.len() as u32;
+            // The root of a set is its first run, so it has its surface already.
+            let root = find(&mut self.parents, run) as usize;
+            if self.surface_of_run[root] == NO_SURFACE {
+                self.surface_of_run[root] = self.list.len() as u32;
                 self.list.push(Surface::default());
             }
-            let label = self.labels[root];
+            let label = self.surface_of_run[root];
             self.labels[i] = label;
-            self.list[label as usize].add((i % width) as u32, z, doubt(i));
+            self.list[label as usize].add((i % width) as u32, depth[i], doubt(i));
         }
     }
 
+    /// Counts who is in front along every row and column; pixels without depth in between are skipped.
     fn judge_borders(&mut self, width: usize, depth: &[f32], still: &impl Fn(usize) -> bool) {
+        self.above.clear();
+        self.above.resize(width, None);
         for v in 0..depth.len() / width.max(1) {
-            self.judge_line(v * width..(v + 1) * width, depth, still);
+            let mut left = None;
+            for u in 0..width {
+                let i = v * width + u;
+                if depth[i] > 0.0 {
+                    self.judge_step(left.replace(i), i, depth, still);
+                    let above = self.above[u].replace(i);
+                    self.judge_step(above, i, depth, still);
+                }
+            }
+            left.into_iter().for_each(|end| self.count_hidden(end, still));
         }
         for u in 0..width {
-            self.judge_line((u..depth.len()).step_by(width), depth, still);
+            self.above[u].into_iter().for_each(|end| self.count_hidden(end, still));
         }
     }
 
-    /// Counts who is in front along a row or column; pixels without depth in between are skipped.
-    fn judge_line(&mut self, line: impl Iterator<Item = usize>, depth: &[f32], still: &impl Fn(usize) -> bool) {
-        let mut last: Option<usize> = None;
-        for i in line.filter(|&i| depth[i] > 0.0) {
-            let before = last.replace(i);
-            if before.is_some_and(|b| self.labels[b] == self.labels[i]) {
-                continue;
-            }
-            match before {
-                Some(b) if depth[b] < depth[i] => self.count_border(b, i, still),
-                Some(b) => self.count_border(i, b, still),
-                None => self.count_hidden(i, still),
-            }
-        }
-        if let Some(end) = last {
-            self.count_hidden(end, still);
+    fn judge_step(&mut self, before: Option<usize>, i: usize, depth: &[f32], still: &impl Fn(usize) -> bool) {
+        match before {
+            Some(b) if self.labels[b] == self.labels[i] => {}
+            Some(b) if depth[b] < depth[i] => self.count_border(b, i, still),
+            Some(b) => self.count_border(i, b, still),
+            None => self.count_hidden(i, still),
         }
     }
 
@@ -161,18 +185,17 @@ impl Surfaces {
 }
 
 /// The root of a set, halving the path (Tarjan and van Leeuwen 1984).
-fn find(parents: &mut [u32], mut i: usize) -> usize {
-    while parents[i] as usize != i {
-        parents[i] = parents[parents[i] as usize];
-        i = parents[i] as usize;
+fn find(parents: &mut [u32], mut i: u32) -> u32 {
+    while parents[i as usize] != i {
+        parents[i as usize] = parents[parents[i as usize] as usize];
+        i = parents[i as usize];
     }
     i
 }
 
-fn join(parents: &mut [u32], a: usize, b: usize) {
+fn join(parents: &mut [u32], a: u32, b: u32) {
     let (a, b) = (find(parents, a), find(parents, b));
-    let (low, high) = (a.min(b), a.max(b));
-    parents[high] = low as u32;
+    parents[a.max(b) as usize] = a.min(b);
 }
 
 #[cfg(test)]

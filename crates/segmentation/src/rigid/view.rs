@@ -207,15 +207,13 @@ impl Corner {
 
     /// Depth is not interpolated: a mean across an edge is a surface that does not exist.
     fn nearest_valid(&self, depth: &[f32]) -> f32 {
-        let [a, b, c, d] = self.indices().map(|i| depth[i]);
         let [x, y] = self.fraction;
-        let first = match (x > 0.5, y > 0.5) {
-            (false, false) => a,
-            (true, false) => b,
-            (false, true) => c,
-            (true, true) => d,
-        };
-        [first, a, b, c, d].into_iter().find(|&z| z > 0.0).unwrap_or(0.0)
+        let nearest = self.index + if x > 0.5 { self.right } else { 0 } + if y > 0.5 { self.down } else { 0 };
+        let first = depth[nearest];
+        if first > 0.0 {
+            return first;
+        }
+        self.indices().into_iter().map(|i| depth[i]).find(|&z| z > 0.0).unwrap_or(0.0)
     }
 }
 
