@@ -42,10 +42,10 @@ read_arguments() {
 
 # Images over UDP need room in the kernel's receive buffer.
 check_receive_buffer() {
-    local needed=4194304 have
-    have=$(sysctl -n net.core.rmem_max 2>/dev/null) || return 0
+    local needed=4194304 have limit=/proc/sys/net/core/rmem_max
+    have=$(cat $limit 2>/dev/null) || return 0
     [ "$have" -ge $needed ] && return 0
-    if [ "$(id -u)" -eq 0 ] && sysctl -q -w net.core.rmem_max=$needed 2>/dev/null; then
+    if [ -w $limit ] && (echo $needed >$limit) 2>/dev/null; then
         echo "net.core.rmem_max was $have bytes, too few for images: set to $needed until the next start."
     else
         echo "net.core.rmem_max is $have bytes: images will be lost. Run: sudo sysctl -w net.core.rmem_max=$needed" >&2
@@ -55,21 +55,44 @@ check_receive_buffer() {
 build() {
     export PATH="$PATH:${HOME:-/}/.cargo/bin"
     echo "Building (a few minutes the first time) ..."
-    cargo build --release --locked -p pfd-slam-nodes -p pfd-slam
+    # All programs: a choice of packages would build common dependencies anew, with other features than tests and lints use.
+    cargo build --release --locked --workspace --bins
     bin=${CARGO_TARGET_DIR:-$root/target}/release
 }
 
 pids=()
 
-stop_all() {
-    trap - EXIT INT TERM
+any_alive() {
     local pid
-    for pid in "${pids[@]}"; do kill -INT "$pid" 2>/dev/null || true; done
-    # A node that does not end by itself is ended.
-    (sleep 10 && kill -KILL "${pids[@]}" 2>/dev/null) &
-    local killer=$!
-    for pid in "${pids[@]}"; do wait "$pid" 2>/dev/null || true; done
-    kill "$killer" 2>/dev/null || true
+    for pid in "${pids[@]}"; do
+        if kill -0 "$pid" 2>/dev/null; then return 0; fi
+    done
+    return 1
+}
+
+signal_all() { # SIGNAL
+    local pid
+    for pid in "${pids[@]}"; do kill "-$1" "$pid" 2>/dev/null || true; done
+}
+
+# Ends what was started; a node that does not end by itself within ten seconds is ended.
+stop_all() {
+    trap '' INT TERM HUP
+    trap - EXIT
+    signal_all TERM
+    local tenths=100
+    while any_alive && [ $tenths -gt 0 ]; do
+        sleep 0.1
+        tenths=$((tenths - 1))
+    done
+    signal_all KILL
+    wait
+}
+
+on_signal() { # NAME STATUS
+    stop_all
+    echo "demo.sh: stopped by SIG$1; nothing it started is left running." >&2
+    exit "$2"
 }
 
 start() { # NAME ARGUMENT...: starts a node with its log in the results
@@ -97,8 +120,13 @@ start_nodes() {
 
 masks() { find "$out/masks" -name '*.png' 2>/dev/null | wc -l; }
 
+# " of N" where the sequence is a folder.
+of_all() {
+    if [ -f "$sequence/rgb.txt" ]; then echo " of $(grep -cv '^#' "$sequence/rgb.txt")"; fi
+}
+
 show_progress() {
-    if [ -t 1 ]; then printf '\r%s frames segmented ' "$(masks)"; fi
+    if [ -t 1 ]; then printf '\r%s%s frames segmented ' "$(masks)" "$total"; fi
 }
 
 check_alive() {
@@ -130,16 +158,18 @@ stop_nodes() {
 }
 
 read_arguments "$@"
+trap stop_all EXIT
+trap 'on_signal INT 130' INT
+trap 'on_signal TERM 143' TERM
+trap 'on_signal HUP 129' HUP
 launch_scripts/install_dependencies.sh
 check_receive_buffer
 build
-trap stop_all EXIT
-trap 'stop_all; exit 130' INT
-trap 'stop_all; exit 143' TERM
 rm -rf "$out/masks"
 mkdir -p "$out"
 export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((RANDOM % 90 + 10))} ROS_LOCALHOST_ONLY=1
 start_nodes
+total=$(of_all)
 echo "Replaying $sequence at rate $rate (ROS_DOMAIN_ID $ROS_DOMAIN_ID) ..."
 while kill -0 "$replay" 2>/dev/null; do
     show_progress

@@ -11,7 +11,7 @@ need() { # PACKAGE COMMAND...: the package is missing if the command fails
 }
 
 has_libclang() {
-    [ -n "${LIBCLANG_PATH:-}" ] || ldconfig -p | grep -q 'libclang[-.0-9]*\.so' ||
+    [ -n "${LIBCLANG_PATH:-}" ] || PATH=$PATH:/sbin ldconfig -p | grep -q 'libclang[-.0-9]*\.so' ||
         compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null
 }
 
