@@ -150,7 +150,7 @@ wait_until_idle() {
 
 stop_nodes() {
     local pid
-    for pid in "${nodes[@]}"; do kill -INT "$pid"; done
+    for pid in "${nodes[@]}"; do kill -INT "$pid" 2>/dev/null || true; done
     for pid in "${nodes[@]}"; do
         wait "$pid" || fail "a node did not end well: $(tail -qn 1 "$out"/*_node.log)"
     done

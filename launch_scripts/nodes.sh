@@ -5,7 +5,7 @@ here=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 config=$here/config
 bin=${PFD_SLAM_BIN:-${CARGO_TARGET_DIR:-$here/target}/release}
 if [ ! -x "$bin/slam_node" ]; then
-  echo "no binaries in $bin: run \`cargo build --release -p pfd-slam-nodes\` first, or set PFD_SLAM_BIN" >&2
+  echo "no binaries in $bin: run \`cargo build --release --workspace --bins\` first, or set PFD_SLAM_BIN" >&2
   exit 1
 fi
 pids=()

@@ -93,8 +93,10 @@ def pairs(sequence):
 def start(settings):
     try:
         import pyorbslam3
+
+        import cv2  # noqa: F401: looked for before anything is run
     except (ImportError, OSError) as error:
-        cannot_run(f"{error} (pip install pyorbslam3)")
+        cannot_run(f"{error} (pip install pyorbslam3 opencv-python-headless)")
     try:
         vocabulary = pyorbslam3.vocabulary_path(quiet=True)
     except Exception as error:  # noqa: BLE001: whatever the download met

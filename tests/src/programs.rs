@@ -2,31 +2,36 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::sync::Mutex;
+use std::sync::OnceLock;
 
 use anyhow::{Context, ensure};
 
 use crate::repository;
 
-/// Path of the binary `name` of `package`, built by cargo first (a no-op when it is up to date), with the profile and in the
-/// target folder of the running test.
+/// Path of the program `name`, built by cargo first (once for each process of tests; a no-op when it is up to date), with the
+/// profile and in the target folder of the running test.
 ///
 /// # Errors
 /// When cargo fails.
-pub fn binary(package: &str, name: &str) -> anyhow::Result<PathBuf> {
-    // Tests run in parallel; one cargo at a time keeps its messages readable.
-    static CARGO: Mutex<()> = Mutex::new(());
-    let _one_at_a_time = CARGO.lock().map_err(|_| anyhow::anyhow!("another test failed to build {name}"))?;
+pub fn binary(name: &str) -> anyhow::Result<PathBuf> {
+    static BUILT: OnceLock<Result<PathBuf, String>> = OnceLock::new();
+    let folder = BUILT.get_or_init(|| build().map_err(|e| format!("{e:#}")));
+    Ok(folder.as_ref().map_err(|e| anyhow::anyhow!("{e}"))?.join(name))
+}
+
+/// Builds all programs, as `.ci/run` and the demo do: a choice of packages would build common dependencies anew, with other
+/// features. Returns the folder that has them.
+fn build() -> anyhow::Result<PathBuf> {
     let (target, profile) = target_and_profile()?;
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    command.current_dir(repository()).args(["build", "--quiet", "--locked", "--package", package, "--bin", name]);
+    command.current_dir(repository()).args(["build", "--quiet", "--locked", "--workspace", "--bins"]);
     command.arg("--target-dir").arg(&target);
     if profile == "release" {
         command.arg("--release");
     }
     let status = command.status().context("cargo cannot be started")?;
-    ensure!(status.success(), "cargo failed to build {name}");
-    Ok(target.join(profile).join(name))
+    ensure!(status.success(), "cargo failed to build the programs");
+    Ok(target.join(profile))
 }
 
 /// The command line tool.
@@ -34,7 +39,7 @@ pub fn binary(package: &str, name: &str) -> anyhow::Result<PathBuf> {
 /// # Errors
 /// When cargo fails to build it.
 pub fn pfd_slam() -> anyhow::Result<Command> {
-    binary("pfd-slam", "pfd-slam").map(Command::new)
+    binary("pfd-slam").map(Command::new)
 }
 
 /// A Python that can import `module`, if there is one.

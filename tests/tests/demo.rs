@@ -4,12 +4,15 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::collections::BTreeMap;
-use std::process::Command;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use pfd_ros::messages::diagnostic::DiagnosticArray;
 use pfd_ros::messages::geometry::{PoseStamped, TfMessage};
-use pfd_ros::messages::nav::{Odometry, Path};
+use pfd_ros::messages::nav;
 use pfd_ros::messages::pfd::{DynamicRegions, TrackingState};
 use pfd_ros::messages::sensor::{CameraInfo, Image, PointCloud2};
 use pfd_ros::messages::standard::Clock;
@@ -45,13 +48,13 @@ fn listen(node: &mut Node, counts: &Counts) -> Result<(), RosError> {
         "/clock": Clock, some;
         "/tf_static": TfMessage, Qos::latched();
         "ground_truth/pose": PoseStamped, some;
-        "ground_truth/path": Path, Qos::latched();
+        "ground_truth/path": nav::Path, Qos::latched();
         "dynamic_mask": Image, Qos::masks();
         "dynamic_regions": DynamicRegions, some;
         "overlay": Image, some;
         "pose": PoseStamped, some;
-        "odometry": Odometry, some;
-        "path": Path, Qos::latched();
+        "odometry": nav::Odometry, some;
+        "path": nav::Path, Qos::latched();
         "map_points": PointCloud2, Qos::latched();
         "keyframes": MarkerArray, Qos::latched();
         "tracking_state": TrackingState, some;
@@ -97,5 +100,80 @@ fn the_demo_tracks_and_every_topic_carries_data() {
     assert!(report["ate"]["rmse"].as_f64().unwrap() <= MAX_ATE, "{text}");
     for file in ["report.html", "picture.svg", "trajectory.txt"] {
         assert!(out.path().join(file).exists(), "{file}");
+    }
+}
+
+/// Moments at which the demo is interrupted.
+#[derive(Clone, Copy, Debug)]
+enum Moment {
+    /// While cargo looks whether something is to be built.
+    Building,
+    /// Once the nodes are started.
+    Started,
+    /// Once the first mask is written.
+    Replaying,
+}
+
+impl Moment {
+    fn has_come(self, said: &str, out: &Path) -> bool {
+        match self {
+            Self::Building => said.contains("Building"),
+            Self::Started => said.contains("Replaying"),
+            Self::Replaying => std::fs::read_dir(out.join("masks")).is_ok_and(|mut masks| masks.next().is_some()),
+        }
+    }
+}
+
+/// Waits until `condition` holds; fails with what the demo said when that takes unreasonably long.
+fn wait_until(log: &Path, what: &str, mut condition: impl FnMut(&str) -> bool) {
+    /// Far more than a loaded machine needs.
+    const PATIENCE: Duration = Duration::from_secs(300);
+    let deadline = Instant::now() + PATIENCE;
+    let said = || std::fs::read_to_string(log).unwrap_or_default();
+    while !condition(&said()) {
+        assert!(Instant::now() < deadline, "{what} has not come: {}", said());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Command lines of the processes of a group, zombies left out.
+fn processes_of_group(group: u32) -> Vec<String> {
+    let of_process = |folder: PathBuf| {
+        let stat = std::fs::read_to_string(folder.join("stat")).ok()?;
+        // Behind the name, which may hold anything: state, parent, group.
+        let fields: Vec<&str> = stat[stat.rfind(')')? + 1..].split_whitespace().collect();
+        let command = std::fs::read_to_string(folder.join("cmdline")).unwrap_or_default().replace('\0', " ");
+        (fields[0] != "Z" && fields[2] == group.to_string()).then_some(command)
+    };
+    std::fs::read_dir("/proc").unwrap().filter_map(|entry| of_process(entry.unwrap().path())).collect()
+}
+
+/// Starts the demo in a process group of its own and sends the group SIGINT, as Ctrl-C in a terminal does.
+fn interrupt_demo_at(moment: Moment) {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, out) = (folder.path().join("log"), folder.path().join("out"));
+    let file = std::fs::File::create(&log).unwrap();
+    let mut command = Command::new(repository().join("launch_scripts/demo.sh"));
+    command.arg("--out").arg(&out).stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file);
+    let mut demo = command.process_group(0).spawn().unwrap();
+    wait_until(&log, &format!("{moment:?}"), |said| moment.has_come(said, &out));
+    let status = Command::new("kill").args(["-INT", "--", &format!("-{}", demo.id())]).status().unwrap();
+    assert!(status.success(), "the demo has ended before");
+    let mut ended = None;
+    wait_until(&log, "the end", |_| {
+        ended = demo.try_wait().unwrap();
+        ended.is_some()
+    });
+    let said = std::fs::read_to_string(&log).unwrap();
+    assert_eq!(ended.and_then(|status| status.code()), Some(130), "{moment:?}: {said}");
+    assert!(said.contains("nothing it started is left running"), "{moment:?}: {said}");
+    assert_eq!(processes_of_group(demo.id()), Vec::<String>::new(), "{moment:?}: {said}");
+}
+
+#[test]
+#[ignore = "builds and replays; .ci/run calls it"]
+fn ctrl_c_ends_everything_the_demo_started() {
+    for moment in [Moment::Building, Moment::Started, Moment::Replaying] {
+        interrupt_demo_at(moment);
     }
 }

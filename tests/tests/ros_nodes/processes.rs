@@ -96,7 +96,7 @@ fn a_killed_node_is_replaced() {
 #[test]
 fn mistakes_end_a_node_with_one_line_that_names_them() {
     let run = |name: &str, args: &[&str]| {
-        let program = programs::binary("pfd-slam-nodes", name).unwrap();
+        let program = programs::binary(name).unwrap();
         let output = Command::new(program).args(args).env("ROS_DOMAIN_ID", domain(4)).output().unwrap();
         (output.status.code(), String::from_utf8(output.stderr).unwrap())
     };

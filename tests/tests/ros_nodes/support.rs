@@ -31,7 +31,7 @@ impl Node {
     pub(crate) fn start(name: &str, domain: &str, folder: &Path, args: &[&str]) -> anyhow::Result<Self> {
         let log = folder.join(format!("{name}.log"));
         let output = std::fs::File::create(&log)?;
-        let child = Command::new(programs::binary("pfd-slam-nodes", name)?)
+        let child = Command::new(programs::binary(name)?)
             .arg("--ros-args")
             .args(args)
             .env("ROS_DOMAIN_ID", domain)
