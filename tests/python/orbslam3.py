@@ -6,20 +6,14 @@ cannot run: the package, its libraries or its vocabulary are missing ($PYORBSLAM
 """
 
 import json
-import re
 import sys
 import tempfile
 import time
 from pathlib import Path
 
+import tum
+
 CANNOT_RUN = 77
-MAX_DIFFERENCE = 0.02
-# fx fy cx cy k1 k2 p1 p2 k3 of the benchmark's cameras.
-KNOWN = {
-    "1": [517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633],
-    "2": [520.9, 521.0, 325.1, 249.7, 0.2312, -0.7849, -0.0033, -0.0001, 0.9172],
-    "3": [535.4, 539.2, 320.1, 247.6, 0.0, 0.0, 0.0, 0.0, 0.0],
-}
 # The settings of ORB-SLAM3's own TUM RGB-D examples.
 SETTINGS = """%YAML:1.0
 File.version: "1.0"
@@ -63,33 +57,6 @@ def cannot_run(reason):
     sys.exit(CANNOT_RUN)
 
 
-def camera(sequence):
-    """fx fy cx cy k1 k2 p1 p2 k3 and the depth factor."""
-    calibration = sequence / "calib.yaml"
-    if not calibration.exists():
-        number = re.search(r"(?:freiburg|fr)([123])", sequence.name)
-        return KNOWN[number.group(1)] + [5000.0] if number else cannot_run(f"{sequence}: the camera is not known")
-    pairs = (line.split("#")[0].split(":", 1) for line in calibration.read_text().splitlines() if ":" in line.split("#")[0])
-    values = {key.strip(): value.strip() for key, value in pairs}
-    distortion = [float(x) for x in values.get("distortion", "[]").strip("[]").split(",") if x.strip()]
-    pinhole = [float(values[key]) for key in ("fx", "fy", "cx", "cy")]
-    return pinhole + (distortion + [0.0] * 5)[:5] + [float(values.get("depth_factor", 5000))]
-
-
-def listed(sequence, name):
-    lines = (line.split() for line in (sequence / name).read_text().splitlines() if line and not line.startswith("#"))
-    return [(float(stamp), stamp, path) for stamp, path in lines]
-
-
-def pairs(sequence):
-    """Each colour image with the depth image nearest in time."""
-    depth = listed(sequence, "depth.txt")
-    for seconds, stamp, path in listed(sequence, "rgb.txt"):
-        nearest = min(depth, key=lambda d: abs(d[0] - seconds))
-        if abs(nearest[0] - seconds) <= MAX_DIFFERENCE:
-            yield seconds, stamp, path, nearest[2]
-
-
 def start(settings):
     try:
         import pyorbslam3
@@ -106,15 +73,16 @@ def start(settings):
 
 def main():
     sequence, trajectory = map(Path, sys.argv[1:3])
+    camera = tum.camera(sequence) or cannot_run(f"{sequence}: the camera is not known")
     with tempfile.NamedTemporaryFile("w", suffix=".yaml") as settings:
-        settings.write(SETTINGS.format(*camera(sequence)))
+        settings.write(SETTINGS.format(*camera))
         settings.flush()
         slam = start(settings.name)
     import cv2
     import numpy as np
 
     times, tracked = [], 0
-    for seconds, _, rgb, depth in pairs(sequence):
+    for seconds, _, rgb, depth in tum.pairs(sequence):
         image = cv2.imread(str(sequence / rgb))
         metres = cv2.imread(str(sequence / depth), cv2.IMREAD_UNCHANGED).astype(np.float32)
         begin = time.perf_counter()

@@ -111,6 +111,12 @@ pub(crate) struct BenchArguments {
     /// Stop each run after this many frames
     #[arg(long, value_name = "N")]
     pub(crate) max_frames: Option<usize>,
+    /// Put a summary into this file, between the lines `<!-- bench -->` and `<!-- /bench -->`
+    #[arg(long, value_name = "FILE")]
+    pub(crate) into: Option<PathBuf>,
+    /// What the summary says about its origin, such as a commit
+    #[arg(long, value_name = "TEXT", default_value = concat!("version ", env!("CARGO_PKG_VERSION")))]
+    pub(crate) about: String,
     #[command(flatten)]
     pub(crate) config: ConfigSource,
     #[command(flatten)]

@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -17,6 +18,7 @@ pub(crate) struct Progress {
     total: usize,
     bar: Option<ProgressBar>,
     done: AtomicUsize,
+    start: Instant,
 }
 
 impl Progress {
@@ -26,7 +28,7 @@ impl Progress {
             let bar = ProgressBar::new(total as u64).with_message(name.to_owned());
             bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
         });
-        Self { name: name.to_owned(), total, bar, done: AtomicUsize::new(0) }
+        Self { name: name.to_owned(), total, bar, done: AtomicUsize::new(0), start: Instant::now() }
     }
 
     /// One frame is done.
@@ -34,7 +36,10 @@ impl Progress {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         match &self.bar {
             Some(bar) => bar.inc(1),
-            None if is_milestone(done, self.total) => output::note(&format!("{}: {done}/{}", self.name, self.total)),
+            None if is_milestone(done, self.total) => {
+                let left = time_left(self.start.elapsed(), done, self.total);
+                output::note(&format!("{}: {done}/{}{left}", self.name, self.total));
+            }
             None => {}
         }
     }
@@ -54,6 +59,16 @@ impl Progress {
     }
 }
 
+/// How long the rest takes at the pace so far; nothing at the end.
+fn time_left(elapsed: Duration, done: usize, total: usize) -> String {
+    if done >= total {
+        return String::new();
+    }
+    let seconds = elapsed.as_secs_f64() * (total - done) as f64 / done.max(1) as f64;
+    let minutes = (seconds / 60.0).floor();
+    format!(", {minutes:.0} min {:.0} s left", (seconds - 60.0 * minutes).floor())
+}
+
 fn is_milestone(done: usize, total: usize) -> bool {
     let share = |n: usize| n * LINES / total.max(1);
     share(done) > share(done - 1)
@@ -62,6 +77,12 @@ fn is_milestone(done: usize, total: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_rest_takes_as_long_per_frame() {
+        assert_eq!(time_left(Duration::from_secs(50), 10, 30), ", 1 min 40 s left");
+        assert_eq!(time_left(Duration::from_secs(50), 30, 30), "");
+    }
 
     #[test]
     fn lines_are_few() {

@@ -1,12 +1,10 @@
-//! Tables over many runs: sequences × variants (modes or parameter values), median over seeds.
+//! Many runs: sequences × variants (modes or parameter values) × seeds.
 
+use pfd_evaluation::MaskSummary;
 use pfd_evaluation::statistics::quantile;
-use pfd_evaluation::{MaskSummary, Statistics};
 use serde::{Deserialize, Serialize};
 
 use crate::Summary;
-use crate::published::{self, Metric};
-use crate::table::{Table, number, percent};
 
 /// One run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,11 +19,11 @@ pub struct BenchRun {
 
 /// All runs of one variant on one sequence; they differ in the seed.
 #[derive(Clone, Copy, Debug)]
-struct Group<'a>(&'a [&'a BenchRun]);
+pub(crate) struct Group<'a>(pub(crate) &'a [&'a BenchRun]);
 
 impl Group<'_> {
     /// Median over the seeds; `None` where no run has the figure.
-    fn median(&self, figure: impl Fn(&BenchRun) -> Option<f64>) -> Option<f64> {
+    pub(crate) fn median(&self, figure: impl Fn(&BenchRun) -> Option<f64>) -> Option<f64> {
         quantile(&self.0.iter().filter_map(|run| figure(run)).collect::<Vec<_>>(), 0.5)
     }
 }
@@ -58,138 +56,13 @@ pub fn median_run<'a>(runs: &'a [BenchRun], sequence: &str, variant: &str) -> Op
     all.get(all.len().saturating_sub(1) / 2).copied()
 }
 
-fn select<'a>(runs: &'a [BenchRun], sequence: &str, variant: &str) -> Vec<&'a BenchRun> {
+/// The runs of a variant on a sequence.
+pub(crate) fn select<'a>(runs: &'a [BenchRun], sequence: &str, variant: &str) -> Vec<&'a BenchRun> {
     runs.iter().filter(|run| run.summary.sequence == sequence && run.variant == variant).collect()
 }
 
 fn ate(run: &BenchRun) -> Option<f64> {
     run.summary.ate.map(|s| s.rmse)
-}
-
-/// All tables that the runs give.
-pub fn tables(runs: &[BenchRun]) -> Vec<Table> {
-    let errors: [(&str, &str, Metric, usize, StatisticsOf); 3] = [
-        ("Absolute trajectory error (ATE)", "m", Metric::Ate, 4, |s| s.ate),
-        ("Relative pose error, translation", "m/s", Metric::RpeTranslation, 4, |s| s.rpe_translation),
-        ("Relative pose error, rotation", "deg/s", Metric::RpeRotation, 3, |s| s.rpe_rotation_deg),
-    ];
-    let mut tables = Vec::new();
-    for (title, unit, metric, decimals, of) in errors {
-        let cell = |group: Group<'_>| {
-            let rmse = group.median(|run| of(&run.summary).map(|s| s.rmse));
-            let deviation = group.median(|run| of(&run.summary).map(|s| s.std));
-            format!("{} ({})", number(rmse, decimals), number(deviation, decimals))
-        };
-        let note = "RMSE, in brackets the standard deviation. Median over the seeds.";
-        tables.push(grid(runs, &format!("{title}, {unit}"), note, cell));
-        tables.extend(compared(runs, title, unit, metric, decimals, of));
-    }
-    tables.push(grid(runs, "Frames with a pose", "Share of the frames.", |group| {
-        percent(group.median(|run| Some(run.summary.tracked)))
-    }));
-    tables.push(times(runs));
-    tables.extend(masks(runs));
-    tables
-}
-
-type StatisticsOf = fn(&Summary) -> Option<Statistics>;
-
-/// A table with a row per sequence and a column per variant.
-fn grid(runs: &[BenchRun], title: &str, note: &str, cell: impl Fn(Group<'_>) -> String) -> Table {
-    let variants = variants(runs);
-    let row = |sequence: &str| {
-        let cells = variants.iter().map(|variant| match select(runs, sequence, variant).as_slice() {
-            [] => "–".to_owned(),
-            group => cell(Group(group)),
-        });
-        std::iter::once(sequence.to_owned()).chain(cells).collect()
-    };
-    Table {
-        title: title.to_owned(),
-        note: note.to_owned(),
-        header: std::iter::once("sequence").chain(variants.iter().copied()).map(str::to_owned).collect(),
-        rows: sequences(runs).into_iter().map(row).collect(),
-    }
-}
-
-/// Ours beside published figures, for sequences known by name.
-fn compared(
-    runs: &[BenchRun],
-    title: &str,
-    unit: &str,
-    metric: Metric,
-    decimals: usize,
-    of: StatisticsOf,
-) -> Option<Table> {
-    let mut rows = Vec::new();
-    for sequence in sequences(runs) {
-        let published = published::of(sequence, metric);
-        if published.is_empty() {
-            continue;
-        }
-        for variant in variants(runs) {
-            let value = Group(&select(runs, sequence, variant)).median(|run| of(&run.summary).map(|s| s.rmse));
-            rows.push(vec![
-                sequence.to_owned(),
-                format!("ours, {variant}"),
-                number(value, decimals),
-                "this run".into(),
-            ]);
-        }
-        rows.extend(published.iter().map(|p| {
-            vec![sequence.to_owned(), p.system.to_owned(), number(Some(p.value), decimals), p.source.to_owned()]
-        }));
-    }
-    let header = ["sequence", "system", &format!("RMSE, {unit}"), "source"].map(str::to_owned).to_vec();
-    let note = "Other systems' figures are quoted, on other hardware, not run again.".to_owned();
-    (!rows.is_empty()).then(|| Table { title: format!("{title} beside others"), note, header, rows })
-}
-
-fn times(runs: &[BenchRun]) -> Table {
-    let cell = |group: Group<'_>| {
-        let at = |time: fn(&Summary) -> f64| number(group.median(|run| Some(time(&run.summary))), 1);
-        format!(
-            "{} + {} = {} (p99 {})",
-            at(|s| s.timing_ms.segmentation.median),
-            at(|s| s.timing_ms.tracking.median),
-            at(|s| s.timing_ms.total.median),
-            at(|s| s.timing_ms.total.p99)
-        )
-    };
-    let note =
-        "Segmentation + tracking = total, medians over the frames. The paper: 82.2 + 25.5 ms on an i5-8250U (Table 8).";
-    grid(runs, "Time per frame, ms", note, cell)
-}
-
-/// Quality of the masks; `None` when no sequence has true ones.
-fn masks(runs: &[BenchRun]) -> Option<Table> {
-    let mut rows = Vec::new();
-    for sequence in sequences(runs) {
-        for variant in variants(runs) {
-            let runs = select(runs, sequence, variant);
-            let group = Group(&runs);
-            let share =
-                |of: fn(&MaskSummary) -> Option<f64>| percent(group.median(|run| run.masks.as_ref().and_then(of)));
-            if group.0.iter().any(|run| run.masks.is_some()) {
-                let shares = [
-                    share(|m| m.precision),
-                    share(|m| m.recall),
-                    share(|m| m.iou),
-                    share(|m| m.static_masked.mean),
-                    share(|m| m.static_masked.max),
-                ];
-                rows.push([vec![sequence.to_owned(), variant.to_owned()], shares.to_vec()].concat());
-            }
-        }
-    }
-    let header = ["sequence", "variant", "precision", "recall", "IoU", "static pixels masked", "worst frame"];
-    let note = "Means over the frames in which something moves; static pixels over all frames.".to_owned();
-    (!rows.is_empty()).then(|| Table {
-        title: "Masks".to_owned(),
-        note,
-        header: header.map(str::to_owned).to_vec(),
-        rows,
-    })
 }
 
 /// One line of `bench.csv`: every figure of one run.
@@ -244,11 +117,12 @@ impl<'a> From<&'a BenchRun> for CsvRow<'a> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::Timing;
+    use pfd_evaluation::Statistics;
 
-    fn run(sequence: &str, variant: &str, seed: u64, rmse: f64) -> BenchRun {
+    pub(crate) fn run(sequence: &str, variant: &str, seed: u64, rmse: f64) -> BenchRun {
         let summary = Summary {
             sequence: sequence.into(),
             frames: 10,
@@ -271,22 +145,11 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_medians_over_seeds() {
+    fn the_median_run_is_one_of_the_runs() {
         let runs =
             [run("a", "pfd", 0, 0.3), run("a", "pfd", 1, 0.1), run("a", "pfd", 2, 0.2), run("b", "none", 0, 1.0)];
-        let table = &tables(&runs)[0];
-        assert_eq!(table.header, ["sequence", "pfd", "none"]);
-        assert_eq!(table.rows[0][1..], ["0.2000 (0.0000)", "–"]);
-        assert_eq!(table.rows[1][1..], ["–", "1.0000 (0.0000)"]);
         assert_eq!(median_run(&runs, "a", "pfd").unwrap().summary.seed, 2);
         assert!(median_run(&runs, "b", "pfd").is_none());
-    }
-
-    #[test]
-    fn known_sequences_stand_beside_published_figures() {
-        let runs = [run("rgbd_dataset_freiburg3_walking_xyz", "pfd", 0, 0.012)];
-        let table = tables(&runs).into_iter().find(|t| t.title.contains("(ATE) beside others")).unwrap();
-        assert_eq!(table.rows[0][1..3], ["ours, pfd", "0.0120"]);
-        assert!(table.rows.iter().any(|row| row[1] == "ORB-SLAM2" && row[2] == "0.6140"));
+        assert_eq!((sequences(&runs), variants(&runs)), (vec!["a", "b"], vec!["pfd", "none"]));
     }
 }

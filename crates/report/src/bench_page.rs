@@ -1,6 +1,7 @@
 //! `bench.html`: tables, then plots and sample frames of every sequence.
 
-use crate::bench::{BenchRun, sequences, tables};
+use crate::bench::{BenchRun, sequences};
+use crate::bench_tables::tables;
 use crate::figures::{Compared, comparison};
 use crate::summary::Errors;
 use crate::{FrameRow, ReportError, Sample, html};

@@ -32,6 +32,14 @@ pub enum ReportError {
     /// An image could not be encoded.
     #[error("sample image: {0}")]
     Image(#[from] image::ImageError),
+    /// The lines between which a summary belongs are missing.
+    #[error("no lines `{begin}` and `{end}` to put the summary between")]
+    Markers {
+        /// The line before the summary.
+        begin: &'static str,
+        /// The line after it.
+        end: &'static str,
+    },
     /// A value has no JSON form.
     #[error("{}: {error}", path.display())]
     Json {

@@ -13,6 +13,11 @@ figure{margin:0}figcaption{font-size:.85rem;color:#555}img,svg{width:100%;height
 .scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{padding:.25rem .7rem;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}\
 td:first-child,th:first-child{text-align:left}th{background:#f4f4f4}\
+@media(max-width:640px){.cards,.cards tbody,.cards tr{display:block}.cards thead{display:none}\
+.cards tr{border:1px solid #ccc;border-radius:6px;margin:.6rem 0;padding:.3rem .6rem}\
+.cards td{display:flex;justify-content:space-between;gap:1rem;border:0;padding:.1rem 0;white-space:normal;overflow-wrap:anywhere}\
+.cards td::before{content:attr(data-label);color:#555;white-space:nowrap}\
+.cards td:first-child{font-weight:600;border-bottom:1px solid #ddd}.cards td:first-child::before{content:none}}\
 pre{overflow-x:auto;background:#f4f4f4;padding:.7rem;font-size:.8rem}footer{color:#666;font-size:.85rem;margin-top:2rem}";
 
 /// A page with nothing outside it: style, plots and images are part of the text.
@@ -35,14 +40,25 @@ pub fn section(heading: &str, content: &str) -> String {
     format!("<section><h2>{}</h2>\n{content}</section>\n", escape(heading))
 }
 
-/// A table; the cells are text, not HTML.
+/// Columns that fit on a phone beside each other.
+const NARROW: usize = 3;
+
+/// A table; the cells are text, not HTML. On a phone the rows of a wide one become cards, each cell with its column's name.
 pub fn table(header: &[String], rows: &[Vec<String>]) -> String {
-    let row = |cells: &[String], tag: &str| {
-        let cells: Vec<String> = cells.iter().map(|c| format!("<{tag}>{}</{tag}>", escape(c))).collect();
-        format!("<tr>{}</tr>\n", cells.concat())
+    let names: Vec<String> = header.iter().map(|name| format!("<th>{}</th>", escape(name))).collect();
+    let cell = |(i, text): (usize, &String)| {
+        let label = header.get(i).map_or("", String::as_str);
+        format!("<td data-label=\"{}\">{}</td>", escape(label), escape(text))
     };
-    let body: String = rows.iter().map(|cells| row(cells, "td")).collect();
-    format!("<div class=\"scroll\"><table>\n{}{body}</table></div>\n", row(header, "th"))
+    let row =
+        |cells: &Vec<String>| format!("<tr>{}</tr>\n", cells.iter().enumerate().map(cell).collect::<Vec<_>>().concat());
+    let body: Vec<String> = rows.iter().map(row).collect();
+    let class = if header.len() > NARROW { " class=\"cards\"" } else { "" };
+    format!(
+        "<div class=\"scroll\"><table{class}>\n<thead><tr>{}</tr></thead>\n<tbody>\n{}</tbody></table></div>\n",
+        names.concat(),
+        body.concat()
+    )
 }
 
 /// Plots beside each other where there is room, below each other where there is not.
@@ -81,7 +97,14 @@ mod tests {
     #[test]
     fn cells_are_escaped() {
         let html = table(&["a".into()], &[vec!["<b> & \"c\"".into()]]);
-        assert!(html.contains("<td>&lt;b&gt; &amp; &quot;c&quot;</td>"));
+        assert!(html.contains("<td data-label=\"a\">&lt;b&gt; &amp; &quot;c&quot;</td>"));
+    }
+
+    #[test]
+    fn wide_tables_become_cards_on_a_phone() {
+        let header = |n: usize| (0..n).map(|i| i.to_string()).collect::<Vec<_>>();
+        assert!(table(&header(NARROW + 1), &[]).contains("class=\"cards\""));
+        assert!(!table(&header(NARROW), &[]).contains("class"));
     }
 
     #[test]

@@ -2,6 +2,8 @@
 
 pub mod bench;
 pub mod bench_page;
+pub mod bench_summary;
+pub mod bench_tables;
 pub mod error;
 pub mod figures;
 pub mod frames;

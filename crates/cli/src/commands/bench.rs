@@ -8,8 +8,10 @@ use anyhow::Context;
 use pfd_dataset::Sequence;
 use pfd_evaluation::read_trajectory;
 use pfd_pipeline::SlamConfig;
-use pfd_report::bench::{BenchRun, CsvRow, median_run, sequences, tables, variants};
+use pfd_report::bench::{BenchRun, CsvRow, median_run, sequences, variants};
 use pfd_report::bench_page::{self, Detail};
+use pfd_report::bench_summary;
+use pfd_report::bench_tables::tables;
 use pfd_report::summary::Errors;
 use pfd_report::{FrameRow, Summary, frames};
 
@@ -29,6 +31,9 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
     let runs = plan.collect()?;
     anyhow::ensure!(!runs.is_empty(), "no run succeeded; the first failed with: {}", failures.join("; "));
     write(&arguments.out, &plan, &runs)?;
+    if let Some(file) = &arguments.into {
+        insert_summary(file, &runs, &arguments.about)?;
+    }
     anyhow::ensure!(failures.is_empty(), "{} runs failed: {}", failures.len(), failures.join("; "));
     Ok(())
 }
@@ -243,4 +248,12 @@ fn write(out: &Path, plan: &Plan, runs: &[BenchRun]) -> anyhow::Result<()> {
     put("bench.html", &bench_page::page(runs, &plan.details(runs)?)?)?;
     frames::write(&out.join("bench.csv"), &runs.iter().map(CsvRow::from).collect::<Vec<_>>())?;
     output::print(&format!("{markdown}page: {}\n", out.join("bench.html").display()))
+}
+
+/// Replaces the summary that stands in a file.
+fn insert_summary(file: &Path, runs: &[BenchRun], about: &str) -> anyhow::Result<()> {
+    let named = || file.display().to_string();
+    let text = std::fs::read_to_string(file).with_context(named)?;
+    let text = bench_summary::insert(&text, &bench_summary::summary(runs, about)).with_context(named)?;
+    Ok(pfd_report::error::write(file, text)?)
 }
