@@ -180,4 +180,7 @@ wait "$replay" || fail "the replay failed: $(tail -n 1 "$out/bag_replay_node.log
 wait_until_idle
 if [ -t 1 ]; then echo; fi
 stop_nodes
-"$bin/pfd-slam" report "$sequence" "$out" --config config/replay.yaml
+"$bin/pfd-slam" report "$sequence" "$out" --config config/replay.yaml | tee "$out/summary.txt"
+if grep -q 'did not arrive' "$out/summary.txt"; then
+    echo "Frames were lost because this machine was too busy for rate $rate: --rate 0 waits for the nodes after each frame."
+fi
