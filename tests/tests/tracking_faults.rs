@@ -21,8 +21,12 @@ struct Run {
 
 impl Run {
     fn new() -> Self {
+        Self::with(&TrackingConfig::default())
+    }
+
+    fn with(config: &TrackingConfig) -> Self {
         let sequence = Sequence::open(&bundled_sequence()).unwrap();
-        let tracker = Tracker::new(sequence.camera().unwrap(), &TrackingConfig::default(), 0).unwrap();
+        let tracker = Tracker::new(sequence.camera().unwrap(), config, 0).unwrap();
         Self { sequence, tracker, live: Vec::new(), delay: 0.0 }
     }
 
@@ -89,6 +93,31 @@ fn a_covered_lens_is_lost_and_found_again() {
     assert!(found < 60, "found after {found} frames");
     assert!(states[found + 1..].iter().all(|s| *s == TrackingState::Ok));
     assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
+#[test]
+fn a_camera_that_stays_lost_starts_a_segment_that_joins_the_rest_where_it_is_recognised() {
+    // Without relocalisation the known room is as unknown as any other.
+    let mut config = TrackingConfig::default();
+    (config.places.relocalization, config.places.new_segment_after) = (false, 0.5);
+    let mut run = Run::with(&config);
+    run.play(0..40);
+    run.blank(5);
+    run.delay = 5.0 / 30.0;
+    // A jump from one end of the motion to another.
+    let states = run.play(70..140);
+    let found = states.iter().position(|s| *s == TrackingState::Ok).unwrap();
+    assert!((14..=18).contains(&found), "half a second after the view returned, not {found} frames");
+    assert!(states[found..].iter().all(|s| *s == TrackingState::Ok));
+    run.tracker.finish();
+    run.tracker.map().check().unwrap();
+    let poses = run.tracker.trajectory().into_iter().map(|p| {
+        let late = if p.stamp > run.sequence.frame(39).unwrap().stamp() { run.delay } else { 0.0 };
+        StampedPose { stamp: p.stamp.offset_by(-late), ..p }
+    });
+    let poses: Vec<_> = poses.collect();
+    let error = pfd_evaluation::ate(run.sequence.ground_truth().unwrap(), &poses).unwrap().statistics.rmse;
+    assert!(error < DISTURBED_ATE, "ATE of both segments {error}");
 }
 
 #[test]

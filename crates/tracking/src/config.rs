@@ -217,10 +217,21 @@ pub struct PlaceConfig {
     /// Keyframes between two visits of a place that make it a loop.
     #[schemars(range(min = 5, max = 1000))]
     pub min_loop_gap: usize,
+    /// A camera that was lost for this long in view of something starts a new segment of the map at its last known pose, seconds.
+    /// The segment moves to its true place once it shows a place that is known.
+    #[schemars(range(min = 0.1, max = 3600.0))]
+    pub new_segment_after: f64,
 }
 
 impl Default for PlaceConfig {
     fn default() -> Self {
-        Self { relocalization: true, loop_closing: true, candidates: 8, min_inliers: 40, min_loop_gap: 15 }
+        Self {
+            relocalization: true,
+            loop_closing: true,
+            candidates: 8,
+            min_inliers: 40,
+            min_loop_gap: 15,
+            new_segment_after: 3.0,
+        }
     }
 }

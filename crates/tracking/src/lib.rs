@@ -19,6 +19,7 @@ pub mod pose_optimization;
 mod relocalization;
 pub mod residual;
 mod result;
+mod segments;
 mod tracker;
 mod trajectory;
 

@@ -11,15 +11,16 @@ use crate::localization::{Localized, Localizer};
 use crate::map::{KeyframeId, Map};
 use crate::places::PlaceIndex;
 use crate::pose_graph::{Edge, PoseGraph};
+use crate::segments::Segments;
 
 /// A place seen twice.
 #[derive(Clone, Debug)]
 #[allow(non_snake_case)]
 pub(crate) struct Loop {
     /// The new keyframe.
-    current: KeyframeId,
+    pub(crate) current: KeyframeId,
     /// The keyframe that shows the same place.
-    earlier: KeyframeId,
+    pub(crate) earlier: KeyframeId,
     /// Pose of the new keyframe by the map around the earlier one.
     T_camera_world: Pose,
 }
@@ -33,26 +34,36 @@ const FUSED_NEIGHBOURS: usize = 8;
 /// Weight of the closing edge, in shared points, beside its inliers: it replaces many weak links.
 const CLOSING_WEIGHT: f64 = 2.0;
 
-/// Looks for an earlier visit of the place that `current` shows, among keyframes that share no points with it.
+/// Where earlier visits are looked for.
+#[derive(Clone, Copy)]
+pub(crate) struct Search<'a> {
+    /// What places look like.
+    pub(crate) places: &'a PlaceIndex,
+    /// Keyframes in the order of their creation.
+    pub(crate) order: &'a [KeyframeId],
+    /// Parts of the map that are not joined yet.
+    pub(crate) segments: &'a Segments,
+}
+
+/// Looks for an earlier visit of the place that `current` shows, among keyframes that share no points with it: old ones of its own
+/// segment, and all of other segments.
 pub(crate) fn detect(
     localizer: &Localizer<'_>,
-    places: &PlaceIndex,
-    order: &[KeyframeId],
+    search: &Search<'_>,
     current: KeyframeId,
     rng: &mut Pcg32,
 ) -> Option<Loop> {
     let keyframe = localizer.map.keyframe(current)?;
-    let config = &localizer.config.places;
-    let old = &order[..order.len().saturating_sub(config.min_loop_gap)];
+    let old = &search.order[..search.order.len().saturating_sub(localizer.config.places.min_loop_gap)];
+    let is_earlier = |id: &KeyframeId| old.contains(id) || !search.segments.are_joined(*id, current);
     let connected: Vec<_> = localizer.map.covisible(current).into_iter().map(|(id, _)| id).collect();
-    let scores = places.query(keyframe.features.descriptors());
+    let scores = search.places.query(keyframe.features.descriptors());
     // A loop candidate must look at least as similar as the least similar neighbour.
-    let neighbours = connected.iter().take(FUSED_NEIGHBOURS);
     let score_of = |id: &KeyframeId| scores.iter().find(|(other, _)| other == id).map_or(0.0, |(_, score)| *score);
-    let least = neighbours.map(score_of).fold(f64::INFINITY, f64::min);
+    let least = connected.iter().take(FUSED_NEIGHBOURS).map(score_of).reduce(f64::min).unwrap_or(0.0);
     scores
         .iter()
-        .filter(|(id, score)| *score >= least && old.contains(id) && !connected.contains(id))
+        .filter(|(id, score)| *score >= least && is_earlier(id) && *id != current && !connected.contains(id))
         .take(CANDIDATES)
         .find_map(|(earlier, _)| {
             let located = localizer.locate_by_keyframe(&keyframe.features, *earlier, rng)?;
@@ -74,6 +85,21 @@ fn settle(localizer: &Localizer<'_>, current: KeyframeId, first: &Localized) -> 
 pub(crate) fn close(map: &mut Map, camera: &Camera, config: &TrackingConfig, order: &[KeyframeId], found: &Loop) {
     let corrected = optimize_graph(map, order, found);
     move_map(map, &corrected);
+    fuse_ends(map, camera, config, found);
+}
+
+/// Moves a segment (the keyframes of `segment`) as a whole to where the other one sees it, and fuses both ends.
+pub(crate) fn merge(map: &mut Map, camera: &Camera, config: &TrackingConfig, segment: &[KeyframeId], found: &Loop) {
+    let Some(current) = map.keyframe(found.current) else { return };
+    let old_from_new = current.T_camera_world.inverse() * found.T_camera_world;
+    let moved = |id: &KeyframeId| Some((*id, map.keyframe(*id)?.T_camera_world * old_from_new));
+    let corrected: BTreeMap<_, _> = segment.iter().filter_map(moved).collect();
+    move_map(map, &corrected);
+    fuse_ends(map, camera, config, found);
+}
+
+/// Joins what both ends of a closed loop see.
+fn fuse_ends(map: &mut Map, camera: &Camera, config: &TrackingConfig, found: &Loop) {
     let around = |map: &Map, id| -> Vec<KeyframeId> {
         let neighbours = map.covisible(id).into_iter().take(FUSED_NEIGHBOURS).map(|(id, _)| id);
         std::iter::once(id).chain(neighbours).collect()

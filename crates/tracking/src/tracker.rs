@@ -20,6 +20,7 @@ use crate::map_file::{self, MapFileError};
 use crate::motion::Motion;
 use crate::places::PlaceIndex;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
+use crate::segments::Segments;
 use crate::trajectory::TrajectoryLog;
 
 /// Camera tracking and mapping.
@@ -40,6 +41,9 @@ pub struct Tracker {
     active: Option<Active>,
     adjustment: Option<PendingAdjustment>,
     loops: usize,
+    segments: Segments,
+    /// Since when the camera has been lost although there is something to see.
+    lost_since: Option<Stamp>,
 }
 
 /// What is known while (and after) a map exists.
@@ -87,6 +91,8 @@ impl Tracker {
             active: None,
             adjustment: None,
             loops: 0,
+            segments: Segments::default(),
+            lost_since: None,
         })
     }
 
@@ -119,12 +125,28 @@ impl Tracker {
         Localizer { camera: &self.camera, config: &self.config, map: &self.map }
     }
 
-    /// The pose of the candidate: with the mask, and where that leaves too little, without.
+    /// The pose of the candidate: with the mask, where that leaves too little without, and at last by recognising the place.
     fn localize(&mut self, candidate: &mut Candidate<'_>) -> Result<Option<Localized>, TrackingError> {
-        let Some(active) = &self.active else { return Ok(None) };
+        if self.active.is_none() {
+            return Ok(None);
+        }
         if self.state == TrackingState::Lost {
             return Ok(self.relocalize(&candidate.features));
         }
+        let followed = self.follow_with_or_without_mask(candidate)?;
+        if followed.is_none() {
+            // Also for this frame the camera may be found in the map as a whole.
+            self.state = TrackingState::Lost;
+            return Ok(self.relocalize(&candidate.features));
+        }
+        Ok(followed)
+    }
+
+    fn follow_with_or_without_mask(
+        &mut self,
+        candidate: &mut Candidate<'_>,
+    ) -> Result<Option<Localized>, TrackingError> {
+        let Some(active) = &self.active else { return Ok(None) };
         let masked = self.follow(active, candidate);
         let enough = |l: &Localized| l.matches.len() >= self.config.pose.min_unmasked_inliers;
         if candidate.mask.is_none() || masked.as_ref().is_some_and(enough) {
@@ -175,10 +197,7 @@ impl Tracker {
                 (inliers, covariance, self.accept(candidate, &localized))
             }
             None if self.active.is_none() => (0, Matrix6::zeros(), self.initialize(candidate)),
-            None => {
-                self.state = TrackingState::Lost;
-                (0, Matrix6::zeros(), false)
-            }
+            None => (0, Matrix6::zeros(), self.lose(candidate)),
         };
         let known = matches!(self.state, TrackingState::Ok | TrackingState::Relocalized);
         let motion = self.active.as_ref().filter(|_| known).map(|active| &active.motion);
@@ -199,16 +218,42 @@ impl Tracker {
 
     /// Starts the map from a frame with enough depth. The first camera is the origin of the world.
     fn initialize(&mut self, candidate: Candidate<'_>) -> bool {
+        let motion = Motion::start(candidate.frame.stamp(), Pose::identity(), Pose::identity());
+        self.start_from(candidate, motion)
+    }
+
+    /// The camera is lost. When it has been so for long in view of something, a new segment of the map starts at the last known
+    /// pose. Returns whether the frame became a keyframe.
+    fn lose(&mut self, candidate: Candidate<'_>) -> bool {
+        self.state = TrackingState::Lost;
+        let stamp = candidate.frame.stamp();
+        if candidate.features.with_depth() < self.config.pose.min_initial_points {
+            self.lost_since = None;
+            return false;
+        }
+        let since = *self.lost_since.get_or_insert(stamp);
+        let Some(active) = &self.active else { return false };
+        if !self.config.mapping.enabled || stamp.seconds_since(since) < self.config.places.new_segment_after {
+            return false;
+        }
+        let mut motion = active.motion.clone();
+        motion.restart(stamp, *active.motion.T_camera_world());
+        self.segments.begin();
+        self.start_from(candidate, motion)
+    }
+
+    /// Makes the first keyframe of a segment, if the frame has enough depth for it.
+    fn start_from(&mut self, candidate: Candidate<'_>, motion: Motion) -> bool {
         if candidate.features.with_depth() < self.config.pose.min_initial_points {
             return false;
         }
-        let stamp = candidate.frame.stamp();
-        let keyframe = Keyframe::new(stamp, self.frame_index, Pose::identity(), candidate.features);
+        let (stamp, pose) = (candidate.frame.stamp(), *motion.T_camera_world());
+        let keyframe = Keyframe::new(stamp, self.frame_index, pose, candidate.features);
         let reference = self.insert_keyframe(keyframe, &[]);
-        self.trajectory.push(&self.map, stamp, reference, &Pose::identity());
-        let motion = Motion::start(stamp, Pose::identity(), Pose::identity());
+        self.trajectory.push(&self.map, stamp, reference, &pose);
         self.active = Some(Active { motion, reference, last_points: self.points_of(reference) });
         self.state = TrackingState::Ok;
+        self.lost_since = None;
         true
     }
 
@@ -217,7 +262,11 @@ impl Tracker {
         let was_lost = self.state == TrackingState::Lost;
         self.state = if was_lost { TrackingState::Relocalized } else { TrackingState::Ok };
         let stamp = candidate.frame.stamp();
+        self.lost_since = None;
         let reference = self.reference_of(localized);
+        if let Some(reference) = reference {
+            self.segments.enter(reference);
+        }
         if let Some(active) = &mut self.active {
             if was_lost {
                 active.motion.restart(stamp, localized.T_camera_world);
@@ -304,11 +353,19 @@ impl Tracker {
             return;
         }
         let mut rng = self.rng.clone();
-        let found = loop_closing::detect(&self.localizer(), &self.places, &self.keyframe_order, newest, &mut rng);
+        let search =
+            loop_closing::Search { places: &self.places, order: &self.keyframe_order, segments: &self.segments };
+        let found = loop_closing::detect(&self.localizer(), &search, newest, &mut rng);
         self.rng = rng;
         let Some(found) = found else { return };
-        loop_closing::close(&mut self.map, &self.camera, &self.config, &self.keyframe_order, &found);
-        self.loops += 1;
+        let segment = self.segments.with(&self.keyframe_order, newest);
+        if self.segments.are_joined(found.current, found.earlier) {
+            loop_closing::close(&mut self.map, &self.camera, &self.config, &segment, &found);
+            self.loops += 1;
+        } else {
+            loop_closing::merge(&mut self.map, &self.camera, &self.config, &segment, &found);
+            self.segments.join(found.current, found.earlier);
+        }
         if let (Some(active), Some(keyframe)) = (&mut self.active, self.map.keyframe(newest)) {
             active.motion.correct(keyframe.T_camera_world);
         }
@@ -325,6 +382,7 @@ impl Tracker {
             self.places.insert(id, keyframe.features.descriptors());
         }
         self.keyframe_order.push(id);
+        self.segments.add(id);
         id
     }
 
@@ -397,17 +455,25 @@ impl Tracker {
         self.places = PlaceIndex::new(self.seed);
         self.rng = Pcg32::seed_from_u64(self.seed);
         self.trajectory = TrajectoryLog::default();
+        self.segments = Segments::default();
         self.state = TrackingState::NotInitialized;
         self.last_stamp = None;
+        self.lost_since = None;
         self.active = None;
     }
 
-    /// Writes the map to a file.
+    /// Writes the map to a file: its largest segment.
     ///
     /// # Errors
     /// When the file cannot be written.
     pub fn save_map(&self, path: &Path) -> Result<(), MapFileError> {
-        map_file::save(path, &self.map, &self.keyframe_order, &self.camera)
+        let order = self.segments.largest(&self.keyframe_order);
+        if order.len() == self.keyframe_order.len() {
+            return map_file::save(path, &self.map, &order, &self.camera);
+        }
+        let mut map = self.map.clone();
+        self.keyframe_order.iter().filter(|id| !order.contains(id)).for_each(|id| map.remove_keyframe(*id));
+        map_file::save(path, &map, &order, &self.camera)
     }
 
     /// Replaces the map by that of a file. The camera counts as lost until it is recognised there.

@@ -127,7 +127,7 @@ impl Surfaces {
         self.list.clear();
         self.surface_of_run.clear();
         self.surface_of_run.resize(self.parents.len(), NO_SURFACE);
-        for i in 0..depth.len() {
+        for (i, &z) in depth.iter().enumerate() {
             let run = self.labels[i];
             if run == NO_SURFACE {
                 continue;
@@ -140,7 +140,7 @@ impl Surfaces {
             }
             let label = self.surface_of_run[root];
             self.labels[i] = label;
-            self.list[label as usize].add((i % width) as u32, depth[i], doubt(i));
+            self.list[label as usize].add((i % width) as u32, z, doubt(i));
         }
     }
 
@@ -158,10 +158,14 @@ impl Surfaces {
                     self.judge_step(above, i, depth, still);
                 }
             }
-            left.into_iter().for_each(|end| self.count_hidden(end, still));
+            if let Some(end) = left {
+                self.count_hidden(end, still);
+            }
         }
         for u in 0..width {
-            self.above[u].into_iter().for_each(|end| self.count_hidden(end, still));
+            if let Some(end) = self.above[u] {
+                self.count_hidden(end, still);
+            }
         }
     }
 
