@@ -65,8 +65,9 @@ impl Error {
 
     /// RMSE (S.D.)
     fn cell(&self, group: Group<'_>) -> String {
+        let Some(rmse) = self.rmse(group) else { return "–".to_owned() };
         let deviation = group.median(|run| (self.of)(&run.summary).map(|s| s.std));
-        format!("{} ({})", number(self.rmse(group), self.decimals), number(deviation, self.decimals))
+        format!("{} ({})", number(Some(rmse), self.decimals), number(deviation, self.decimals))
     }
 
     /// Ours beside published figures: a row per system, a column per sequence that is known by name.
@@ -87,7 +88,9 @@ impl Error {
             let row = std::iter::once(system.to_owned()).chain(cells).chain([source.to_owned()]).collect();
             values.iter().any(Option::is_some).then_some(row)
         });
-        let header = std::iter::once("system").chain(known.iter().copied()).chain(["source"]).map(str::to_owned);
+        let short = |name: &&str| name.trim_start_matches("rgbd_dataset_").replace("freiburg", "fr");
+        let names = known.iter().map(short);
+        let header = std::iter::once("system".to_owned()).chain(names).chain(["source".to_owned()]);
         (!known.is_empty()).then(|| Table {
             title: format!("{} beside others, RMSE, {}", self.title, self.unit),
             note: "Other systems' figures are quoted from their source, on other hardware.".to_owned(),
@@ -154,16 +157,16 @@ fn times(runs: &[BenchRun]) -> Table {
             let at = |value: &dyn Fn(&Timing) -> f64| {
                 number(Group(&selected).median(|run| Some(value(&run.summary.timing_ms))), 1)
             };
-            let cells = PARTS.iter().flat_map(|part| [at(&|t| part(t).median), at(&|t| part(t).p99)]);
+            let cells = PARTS.iter().map(|part| format!("{} ({})", at(&|t| part(t).median), at(&|t| part(t).p99)));
             if !selected.is_empty() {
                 rows.push([sequence.to_owned(), variant.to_owned()].into_iter().chain(cells).collect());
             }
         }
     }
-    let header = ["sequence", "variant", "segmentation", "p99", "tracking", "p99", "total", "p99"];
+    let header = ["sequence", "variant", "segmentation", "tracking", "total"];
     Table {
         title: "Time per frame, ms".to_owned(),
-        note: "Median over the frames, and what 99 of 100 frames stay below. Median over the seeds.".to_owned(),
+        note: "Median over the frames, in brackets what 99 of 100 frames stay below. Median over the seeds.".to_owned(),
         header: header.map(str::to_owned).to_vec(),
         rows,
     }
@@ -255,7 +258,7 @@ mod tests {
             run("my-room", "pfd", 0, 0.014),
         ];
         let table = find(&runs, "(ATE) beside others");
-        assert_eq!(table.header[1..3], ["rgbd_dataset_freiburg3_walking_xyz", "composite-demo"]);
+        assert_eq!(table.header[1..3], ["fr3_walking_xyz", "composite-demo"]);
         assert_eq!(table.header.len(), 4, "what nobody published is no column: {:?}", table.header);
         assert_eq!(table.rows[0][..3], ["ours, pfd", "0.0120", "0.0130"]);
         let row = |system: &str| table.rows.iter().find(|row| row[0] == system).unwrap()[1..3].to_vec();

@@ -5,14 +5,15 @@ use std::fmt::Write;
 use crate::Sample;
 
 const STYLE: &str = "\
-:root{color-scheme:light}body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1100px;padding:1rem;color:#222;background:#fff}\
+:root{color-scheme:light}body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:1200px;padding:1rem;color:#222;background:#fff}\
 h1{font-size:1.5rem;margin:.5rem 0}h2{font-size:1.15rem;margin:1.6rem 0 .5rem}\
 .grid{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,460px),1fr));gap:1rem}\
 .samples{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,250px),1fr));gap:.6rem}\
 figure{margin:0}figcaption{font-size:.85rem;color:#555}img,svg{width:100%;height:auto;display:block}\
 .scroll{overflow-x:auto}table{border-collapse:collapse;font-variant-numeric:tabular-nums}\
 td,th{padding:.25rem .7rem;border-bottom:1px solid #ddd;text-align:right;white-space:nowrap}\
-td:first-child,th:first-child{text-align:left}th{background:#f4f4f4}\
+td:first-child,th:first-child{text-align:left;white-space:normal}th{background:#f4f4f4;white-space:normal;vertical-align:bottom}\
+.text{white-space:normal;text-align:left;font-size:.85rem;min-width:9rem}\
 @media(max-width:640px){.cards,.cards tbody,.cards tr{display:block}.cards thead{display:none}\
 .cards tr{border:1px solid #ccc;border-radius:6px;margin:.6rem 0;padding:.3rem .6rem}\
 .cards td{display:flex;justify-content:space-between;gap:1rem;border:0;padding:.1rem 0;white-space:normal;overflow-wrap:anywhere}\
@@ -42,13 +43,20 @@ pub fn section(heading: &str, content: &str) -> String {
 
 /// Columns that fit on a phone beside each other.
 const NARROW: usize = 3;
+/// Characters beyond which a cell is text that may take several lines.
+const LONG: usize = 30;
 
 /// A table; the cells are text, not HTML. On a phone the rows of a wide one become cards, each cell with its column's name.
 pub fn table(header: &[String], rows: &[Vec<String>]) -> String {
-    let names: Vec<String> = header.iter().map(|name| format!("<th>{}</th>", escape(name))).collect();
+    // Long names may break between their parts.
+    let name = |name: &String| {
+        ['_', '-', '.', '='].iter().fold(escape(name), |name, part| name.replace(*part, &format!("{part}<wbr>")))
+    };
+    let names: Vec<String> = header.iter().map(|n| format!("<th>{}</th>", name(n))).collect();
     let cell = |(i, text): (usize, &String)| {
         let label = header.get(i).map_or("", String::as_str);
-        format!("<td data-label=\"{}\">{}</td>", escape(label), escape(text))
+        let class = if i > 0 && text.chars().count() > LONG { " class=\"text\"" } else { "" };
+        format!("<td{class} data-label=\"{}\">{}</td>", escape(label), escape(text))
     };
     let row =
         |cells: &Vec<String>| format!("<tr>{}</tr>\n", cells.iter().enumerate().map(cell).collect::<Vec<_>>().concat());
