@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Measures the figures that stand in the README and puts them there, with the commit that they belong to: results.sh [SEEDS] [FOLDER]
-#   SEEDS   runs per sequence and mode; default: 1
+#   SEEDS   runs per sequence and mode; default: 3
 #   FOLDER  has the sequences; default: $PFD_DATA, else ../shared/data beside the repository. Those that are not there are left out.
-# Twelve minutes per seed on an idle machine with two cores. Goes on where it was interrupted; out/results has all tables.
+# About three minutes per seed on an idle machine with two cores. Goes on where it was interrupted; out/results has all tables.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 case ${1:-} in -*) sed -n '2,5s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;; esac
-seeds=${1:-1}
+seeds=${1:-3}
 data=${2:-${PFD_DATA:-../shared/data}}
 export PATH="$PATH:${HOME:-/}/.cargo/bin"
 cargo build --release --locked --workspace --bins
