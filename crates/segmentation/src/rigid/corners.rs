@@ -9,7 +9,7 @@ use super::ego_motion::Track;
 use super::view::{Motion, Pinhole, ViewFrame};
 
 /// Side of a cell that holds at most one corner, working pixels: about 300 corners at 320×240.
-const CELL: usize = 16;
+pub(crate) const CELL: usize = 16;
 /// Weakest corner (smaller eigenvalue of the structure tensor).
 const MIN_STRENGTH: f32 = 4e-4;
 /// Corners keep this distance from the image border, working pixels.

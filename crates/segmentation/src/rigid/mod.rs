@@ -13,5 +13,6 @@ mod segmenter;
 mod static_model;
 mod surfaces;
 mod view;
+mod votes;
 
 pub(crate) use segmenter::{Outcome, RigidSegmenter};

@@ -80,6 +80,41 @@ pub(crate) fn fill_holes(camera: &Pinhole, mask: &mut [u8], max_pixels: usize, v
     }
 }
 
+/// Grows a mask by one pixel in every direction.
+pub(crate) fn dilate(width: usize, mask: &[u8], out: &mut Vec<u8>) {
+    out.clear();
+    out.extend_from_slice(mask);
+    for i in 0..mask.len() {
+        if mask[i] == 0 {
+            continue;
+        }
+        let u = i % width;
+        if u > 0 {
+            out[i - 1] = 255;
+        }
+        if u + 1 < width {
+            out[i + 1] = 255;
+        }
+        if i >= width {
+            out[i - width] = 255;
+        }
+        if i + width < mask.len() {
+            out[i + width] = 255;
+        }
+    }
+}
+
+/// Sets the bounding rectangle of `pixels`.
+pub(crate) fn fill_rectangle(width: usize, pixels: &[u32], mask: &mut [u8]) {
+    let columns = pixels.iter().map(|&i| i as usize % width);
+    let rows = pixels.iter().map(|&i| i as usize / width);
+    let (Some(left), Some(right)) = (columns.clone().min(), columns.max()) else { return };
+    let (Some(top), Some(bottom)) = (rows.clone().min(), rows.max()) else { return };
+    for v in top..=bottom {
+        mask[v * width + left..=v * width + right].fill(255);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

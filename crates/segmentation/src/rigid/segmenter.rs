@@ -7,14 +7,15 @@ use pfd_vision::VisionError;
 
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
-use super::motion::{MotionEstimate, MotionEstimator};
+use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
-use super::regions::{BACKGROUND, Component, components, fill_holes};
+use super::regions::{BACKGROUND, Component, components, dilate, fill_holes, fill_rectangle};
 use super::report;
 use super::static_model::StaticModel;
 use super::surfaces::Surfaces;
 use super::view::{Motion, View, ViewFrame};
+use super::votes::Votes;
 use crate::config::{Compensation, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig};
 use crate::particle_filter::{Particle, ParticleFilter};
 use crate::result::{DynamicRegion, FailOpenReason};
@@ -95,6 +96,8 @@ const CORNER: f32 = 1.0;
 const CORNER_CHI2: f32 = 30.0;
 /// A corner speaks for the pixels this far around it.
 const CORNER_RADIUS: usize = 2;
+/// Evidence per pixel of a thing that moves by these votes: as much as one clear difference of texture.
+const MOVING_THING: f32 = 0.3;
 /// Weight of the assumption "static" where nothing is known.
 const PRIOR: f32 = 0.04;
 /// Regions start where the log-odds exceed this.
@@ -228,8 +231,34 @@ impl RigidSegmenter {
         if self.config.static_model {
             self.compare_model(&estimate.motion, estimate.flow);
         }
+        if self.config.whole_things {
+            self.blame_things(&estimate.corners);
+        }
         for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
             splat(&camera, corner.to, &mut self.field);
+        }
+    }
+
+    /// Adds evidence over the whole of things on which most corners move on their own: two frames suffice for that.
+    fn blame_things(&mut self, corners: &[CornerMove]) {
+        let (camera, depth) = (self.view.camera, self.current.depth.pixels());
+        self.surfaces.find(&camera, &self.noise, depth);
+        self.surfaces.describe(&camera, depth, |_| Some(1.0));
+        let mut votes = vec![Votes::default(); self.surfaces.list.len()];
+        for (surface, chi2) in corners.iter().filter_map(|c| Some((self.surfaces.labels[c.to], c.chi2?))) {
+            if let Some(votes) = votes.get_mut(surface as usize) {
+                votes.add(chi2);
+            }
+        }
+        let moves: Vec<bool> = votes
+            .iter()
+            .zip(&self.surfaces.list)
+            .map(|(votes, surface)| votes.agree_on_motion(surface.pixels) && surface.is_thing(&camera))
+            .collect();
+        for (i, &surface) in self.surfaces.labels.iter().enumerate() {
+            if moves.get(surface as usize).is_some_and(|m| *m) {
+                self.field.add(i, 1.0, MOVING_THING);
+            }
         }
     }
 
@@ -371,7 +400,7 @@ impl RigidSegmenter {
         let camera = self.view.camera;
         let (labels, cells) = (&self.objects.labels, &self.field.cells);
         let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| cells[i][0] / (cells[i][1] + PRIOR));
-        self.surfaces.update(&camera, &self.noise, self.current.depth.pixels(), doubt);
+        self.surfaces.describe(&camera, self.current.depth.pixels(), doubt);
         self.objects.complete(&self.surfaces, |surface, moving| {
             moving as f32 > MOVING_PART * surface.pixels as f32 && surface.is_thing(&camera)
         });
@@ -482,39 +511,5 @@ fn splat(camera: &super::view::Pinhole, centre: usize, field: &mut Field) {
             field.add(i, 1.0, CORNER);
             field.motion[i] += CORNER;
         }
-    }
-}
-
-/// Grows a mask by one pixel in every direction.
-fn dilate(width: usize, mask: &[u8], out: &mut Vec<u8>) {
-    out.clear();
-    out.extend_from_slice(mask);
-    for i in 0..mask.len() {
-        if mask[i] == 0 {
-            continue;
-        }
-        let u = i % width;
-        if u > 0 {
-            out[i - 1] = 255;
-        }
-        if u + 1 < width {
-            out[i + 1] = 255;
-        }
-        if i >= width {
-            out[i - width] = 255;
-        }
-        if i + width < mask.len() {
-            out[i + width] = 255;
-        }
-    }
-}
-
-fn fill_rectangle(width: usize, pixels: &[u32], mask: &mut [u8]) {
-    let columns = pixels.iter().map(|&i| i as usize % width);
-    let rows = pixels.iter().map(|&i| i as usize / width);
-    let (Some(left), Some(right)) = (columns.clone().min(), columns.max()) else { return };
-    let (Some(top), Some(bottom)) = (rows.clone().min(), rows.max()) else { return };
-    for v in top..=bottom {
-        mask[v * width + left..=v * width + right].fill(255);
     }
 }

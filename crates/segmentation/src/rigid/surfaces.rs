@@ -77,18 +77,22 @@ impl Surface {
 }
 
 impl Surfaces {
-    /// Finds the surfaces of a depth image (metres, 0 = none). `doubt` is the share of evidence for motion, `None` for pixels that
-    /// are known to move.
-    pub(crate) fn update(
-        &mut self,
-        camera: &Pinhole,
-        noise: &DepthNoise,
-        depth: &[f32],
-        doubt: impl Fn(usize) -> Option<f32>,
-    ) {
+    /// Finds the surfaces of a depth image (metres, 0 = none). What is known of them follows by [`Self::describe`].
+    pub(crate) fn find(&mut self, camera: &Pinhole, noise: &DepthNoise, depth: &[f32]) {
         self.connect(camera.width, noise, depth);
-        self.collect(camera.width, depth, &doubt);
-        self.judge_borders(camera.width, depth, &|i| doubt(i).is_some());
+        self.number(depth);
+    }
+
+    /// Measures the surfaces. `doubt` is the share of evidence for motion, `None` for pixels that are known to move.
+    pub(crate) fn describe(&mut self, camera: &Pinhole, depth: &[f32], doubt: impl Fn(usize) -> Option<f32>) {
+        let width = camera.width;
+        self.list.fill(Surface::default());
+        for (i, &z) in depth.iter().enumerate() {
+            if let Some(surface) = self.list.get_mut(self.labels[i] as usize) {
+                surface.add((i % width) as u32, z, doubt(i));
+            }
+        }
+        self.judge_borders(width, depth, &|i| doubt(i).is_some());
     }
 
     /// Gives every run of connected pixels of a row an index, and joins the indices of runs that connect with the row above.
@@ -123,11 +127,11 @@ impl Surfaces {
     }
 
     /// From indices of runs to surfaces.
-    fn collect(&mut self, width: usize, depth: &[f32], doubt: &impl Fn(usize) -> Option<f32>) {
+    fn number(&mut self, depth: &[f32]) {
         self.list.clear();
         self.surface_of_run.clear();
         self.surface_of_run.resize(self.parents.len(), NO_SURFACE);
-        for (i, &z) in depth.iter().enumerate() {
+        for i in 0..depth.len() {
             let run = self.labels[i];
             if run == NO_SURFACE {
                 continue;
@@ -138,9 +142,7 @@ impl Surfaces {
                 self.surface_of_run[root] = self.list.len() as u32;
                 self.list.push(Surface::default());
             }
-            let label = self.surface_of_run[root];
-            self.labels[i] = label;
-            self.list[label as usize].add((i % width) as u32, z, doubt(i));
+            self.labels[i] = self.surface_of_run[root];
         }
     }
 
@@ -210,7 +212,9 @@ mod tests {
 
     fn surfaces(row: [f32; 8], doubt: f32) -> Surfaces {
         let mut surfaces = Surfaces::default();
-        surfaces.update(&CAMERA, &DepthNoise::default(), &[row, row].concat(), |_| Some(doubt));
+        let depth = [row, row].concat();
+        surfaces.find(&CAMERA, &DepthNoise::default(), &depth);
+        surfaces.describe(&CAMERA, &depth, |_| Some(doubt));
         surfaces
     }
 
