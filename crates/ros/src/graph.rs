@@ -1,7 +1,6 @@
 //! Who else publishes and subscribes, and why a connection that should be there is not.
 
 use std::collections::BTreeSet;
-use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rustdds::policy::{Durability, Reliability};
@@ -80,16 +79,6 @@ impl Graph {
     /// Publishers of others on a topic (full name), as of the last look.
     pub fn publishers(&self, topic: &str) -> usize {
         self.count(Side::Publisher, topic)
-    }
-
-    /// Whether everybody who subscribes a DDS topic (full DDS name) is reached over loopback.
-    pub(crate) fn is_on_loopback(&self, dds_topic: &str) -> bool {
-        let readers = self.participant.discovered_readers();
-        let mut here = readers.iter().filter(|r| r.subscription_topic_data.topic_name() == dds_topic);
-        here.all(|reader| {
-            let addresses = &reader.reader_proxy.unicast_locator_list;
-            !addresses.is_empty() && addresses.iter().all(|a| SocketAddr::from(*a).ip().is_loopback())
-        })
     }
 
     fn count(&self, side: Side, topic: &str) -> usize {

@@ -218,14 +218,14 @@ pub struct Publisher<M: Message> {
 }
 
 impl<M: Message> Publisher<M> {
-    /// Sends without waiting. A message that the middleware does not take (a reliable subscriber hangs and the send window is
-    /// full) is dropped with a complaint.
+    /// Sends without waiting; a subscriber that hangs loses the oldest messages. What the middleware does not take is dropped with
+    /// a complaint.
     pub fn publish(&self, message: M) {
         let Err(error) = self.inner.publish(message) else { return };
         let mut complaints = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(more) = complaints.pass() {
             let reason = error.forget_data();
-            tracing::warn!("{}: not sent: {reason}; does a subscriber hang? ({more} more like it)", self.topic);
+            tracing::warn!("{}: not sent: {reason} ({more} more like it)", self.topic);
         }
     }
 

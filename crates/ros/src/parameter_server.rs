@@ -18,13 +18,6 @@ const MAX_NAMES: usize = 10_000;
 /// History of `/parameter_events`, as in rcl.
 const EVENT_DEPTH: i32 = 1000;
 
-/// What fits into one datagram on any network, bytes. RustDDS 0.15 writes the identity of the request wrongly into fragments, so
-/// that Fast DDS throws a longer answer away and waits for it for ever; on loopback a datagram takes 64 kB.
-const MAX_ANSWER: usize = 1200;
-/// Bytes of a string on the wire beside its text, and of the other fields of a descriptor.
-const STRING_OVERHEAD: usize = 8;
-const DESCRIPTOR_OVERHEAD: usize = 80;
-
 /// Called with all values after a change was checked; its error refuses the change.
 pub type Apply = Box<dyn Fn(&BTreeMap<String, Value>) -> Result<(), String> + Send + Sync>;
 
@@ -89,16 +82,10 @@ impl ParameterServer {
         node.serve::<GetParameterTypes>("~/get_parameter_types", move |r| GetParameterTypesResponse {
             types: types.get(&r.names).iter().map(|v| v.r#type).collect::<Vec<u8>>().into(),
         })?;
-        let is_short = short_answers(node, "~/describe_parameters")?;
-        node.serve::<DescribeParameters>("~/describe_parameters", move |r| {
-            let descriptors = describe.describe(&r.names);
-            DescribeParametersResponse { descriptors: if is_short() { shorten(descriptors) } else { descriptors } }
+        node.serve::<DescribeParameters>("~/describe_parameters", move |r| DescribeParametersResponse {
+            descriptors: describe.describe(&r.names),
         })?;
-        let is_short = short_answers(node, "~/list_parameters")?;
-        node.serve::<ListParameters>("~/list_parameters", move |r| {
-            let all = list.list(&r);
-            if is_short() { shorten_list(all) } else { all }
-        })?;
+        node.serve::<ListParameters>("~/list_parameters", move |r| list.list(&r))?;
         node.serve::<SetParameters>("~/set_parameters", move |r| SetParametersResponse {
             results: r.parameters.iter().map(|p| set.set(std::slice::from_ref(p))).collect(),
         })?;
@@ -194,44 +181,6 @@ impl ParameterServer {
             ..ParameterEvent::default()
         });
     }
-}
-
-/// Whether answers of a service must fit into one datagram.
-fn short_answers(node: &Node, service: &str) -> Result<impl Fn() -> bool + Clone + Send + 'static, RosError> {
-    let topic = format!("rr{}Reply", node.names().resolve(service)?);
-    let graph = node.graph().clone();
-    Ok(move || !graph.is_on_loopback(&topic))
-}
-
-/// Leaves out groups, the longest first, until the rest fits.
-fn shorten_list(mut list: ListParametersResponse) -> ListParametersResponse {
-    let size = |names: &[String]| names.iter().map(|n| n.len() + STRING_OVERHEAD).sum::<usize>();
-    let budget = MAX_ANSWER.saturating_sub(size(&list.prefixes));
-    let group = |name: &str| name.split_once('.').map_or(String::new(), |(group, _)| group.to_owned());
-    while size(&list.names) > budget {
-        let mut sizes: BTreeMap<String, usize> = BTreeMap::new();
-        list.names.iter().for_each(|n| *sizes.entry(group(n)).or_default() += n.len() + STRING_OVERHEAD);
-        let Some((longest, _)) = sizes.into_iter().max_by_key(|(_, size)| *size) else { break };
-        tracing::warn!(
-            "list_parameters: `{longest}.*` left out, the answer must fit into one datagram; a client on loopback \
-             (ROS_AUTOMATIC_DISCOVERY_RANGE does not suffice with Fast DDS, an interface whitelist does) gets all"
-        );
-        list.names.retain(|n| group(n) != longest);
-    }
-    list
-}
-
-/// Leaves out texts, the longest first, until the rest fits.
-fn shorten(mut descriptors: Vec<ParameterDescriptor>) -> Vec<ParameterDescriptor> {
-    let text = |d: &ParameterDescriptor| d.description.len() + d.additional_constraints.len();
-    let size =
-        |all: &[ParameterDescriptor]| all.iter().map(|d| DESCRIPTOR_OVERHEAD + d.name.len() + text(d)).sum::<usize>();
-    while size(&descriptors) > MAX_ANSWER {
-        let Some(longest) = descriptors.iter_mut().max_by_key(|d| text(d)).filter(|d| text(d) > 0) else { break };
-        longest.description.clear();
-        longest.additional_constraints.clear();
-    }
-    descriptors
 }
 
 fn descriptor(description: &ParameterDescription, changeable: bool) -> ParameterDescriptor {
@@ -357,17 +306,6 @@ mod tests {
         let server = server();
         assert!(!server.set(&[double("mask_timeout", 0.7), double("sync_tolerance", 9.0)]).successful);
         assert!((server.get(&["mask_timeout".into()])[0].double_value - 0.2).abs() < 1e-12);
-    }
-
-    #[test]
-    fn long_answers_are_shortened_by_what_matters_least() {
-        let names = (0..100).map(|i| format!("tracking.parameter_{i}")).chain(["mode".into(), "seed".into()]).collect();
-        let list = ListParametersResponse { names, prefixes: vec!["tracking".into()] };
-        assert_eq!(shorten_list(list).names, ["mode", "seed"]);
-        let described = server().describe(&["mask_timeout".into(), "network".into()]);
-        assert_eq!(shorten(described.clone()), described);
-        let many: Vec<_> = described.iter().cycle().take(9).cloned().collect();
-        assert!(shorten(many).iter().filter(|d| d.description.is_empty()).count() > 0);
     }
 
     #[test]

@@ -13,15 +13,15 @@ pub struct Qos {
     pub transient_local: bool,
     /// How many messages are kept.
     pub depth: i32,
-    /// Unacknowledged messages after which a reliable publisher drops.
+    /// Unacknowledged messages after which a reliable publisher drops the oldest.
     pub window: i32,
 }
 
-/// Unacknowledged messages that a reliable publisher of small messages keeps. The middleware's own bound of 8192 is not the
-/// history depth: a subscriber that hangs would make the publisher grow until its lease ends.
+/// Unacknowledged messages that a reliable publisher of small messages keeps for a slow subscriber. The middleware's own bound is
+/// 8192 whatever the history depth: a subscriber that hangs would make the publisher grow until its lease ends.
 const SMALL_WINDOW: i32 = 1024;
-/// The same for images: at 30 Hz more than the 20 s of Fast DDS's lease, so that others lose nothing meanwhile; 0.2 GB of masks.
-const IMAGE_WINDOW: i32 = 700;
+/// The same for images: 2 s at 30 Hz, 70 MB of floating-point depth.
+const IMAGE_WINDOW: i32 = 60;
 /// The same for whole maps, which are sent once a second.
 const MAP_WINDOW: i32 = 32;
 
@@ -65,7 +65,7 @@ impl Qos {
             .history(History::KeepLast { depth: self.depth })
             .resource_limits(limits);
         match self.reliability {
-            // A full window fails at once: the publishing thread must not wait for a subscriber that hangs.
+            // The publishing thread never waits for a subscriber.
             Reliability::Reliable => builder.reliable(Duration::ZERO).build(),
             Reliability::BestEffort => builder.best_effort().build(),
         }

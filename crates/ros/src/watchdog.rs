@@ -1,7 +1,8 @@
 //! Notices that the middleware's threads have died.
 //!
-//! RustDDS does its work on two threads a participant. A system call that a signal interrupts (SIGSTOP and SIGCONT, a debugger,
-//! suspend) ends them without a word, and nothing is received ever after. The threads are looked for by their id.
+//! RustDDS does its work on two threads a participant. An error of the system or a fault ends them without a word, and nothing is
+//! received ever after. (Interrupted system calls did so, as after SIGSTOP and SIGCONT, until that was mended: see
+//! `third_party/rustdds/PATCHES.md`.) The threads are looked for by their id.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 /// How often to look.
 pub const PERIOD: Duration = Duration::from_millis(250);
 /// Time in which the threads of a new participant must be running; they name themselves when they first run.
-const STARTUP: Duration = Duration::from_secs(2);
+const STARTUP: Duration = Duration::from_secs(10);
 /// Names of the threads, cut to the 15 characters that Linux keeps.
 const THREADS: [&str; 2] = ["RustDDS Partici", "RustDDS discove"];
 
