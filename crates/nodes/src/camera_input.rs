@@ -118,6 +118,12 @@ impl RawFrame {
     }
 }
 
+/// Hands out the frames of an input until it is closed.
+pub fn frames(input: &Arc<CameraInput>) -> impl FnMut() -> Option<RawFrame> + Send + 'static {
+    let input = input.clone();
+    move || input.slot.take()
+}
+
 /// Receives and pairs the camera's messages.
 pub struct CameraInput {
     state: Mutex<State>,

@@ -17,15 +17,14 @@ const DEPTH: i32 = 10;
 /// At the start the camera may take a moment.
 const GRACE: usize = 5;
 
-/// Publishes the state of the camera's topics and of the work named `what`.
+/// Publishes the state of the camera's topics and of each kind of work.
 ///
 /// # Errors
 /// [`RosError`] when the middleware refuses.
-pub fn attach(node: &mut Node, what: &str, input: Arc<CameraInput>, health: Health) -> Result<(), RosError> {
+pub fn attach(node: &mut Node, input: Arc<CameraInput>, works: Vec<(&'static str, Health)>) -> Result<(), RosError> {
     let publisher = node.publisher::<DiagnosticArray>("/diagnostics", Qos::reliable(DEPTH))?;
     let name = node.names().node().to_string();
     let name = name.trim_start_matches('/').to_owned();
-    let work = format!("{name}: {what}");
     let clock = node.clock().clone();
     node.spawn(async move {
         let mut ticks = tokio::time::interval(PERIOD);
@@ -33,7 +32,7 @@ pub fn attach(node: &mut Node, what: &str, input: Arc<CameraInput>, health: Heal
         for count in 0_usize.. {
             ticks.tick().await;
             let mut status = input.diagnostics(&name);
-            status.push(health.status(work.clone()));
+            status.extend(works.iter().map(|(what, health)| health.status(format!("{name}: {what}"))));
             let worst = status.iter().max_by_key(|s| s.level).filter(|s| s.level > 0 && count >= GRACE);
             if let Some(worst) = worst
                 && complaints.pass().is_some()

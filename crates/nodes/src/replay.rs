@@ -1,5 +1,6 @@
 //! `bag_replay_node`: a recorded sequence as if it were a camera.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -128,8 +129,8 @@ impl Player {
             }
             tracing::info!("again from the start");
         }
-        let Counts { sent, resent, broken } = counts;
-        tracing::info!("{sent} frames sent, {resent} sent again, {broken} unreadable");
+        let Counts { sent, resent, given_up, broken } = counts;
+        tracing::info!("{sent} frames sent, {resent} sent again, {given_up} given up, {broken} unreadable");
         Ok(())
     }
 
@@ -160,7 +161,7 @@ impl Player {
                 }
             };
             let sent = if self.config.rate > 0.0 {
-                self.wait_until(pace.due(shot.stamp, self.config.rate)).map(|()| self.send(&shot))
+                self.send_in_time(&shot, &mut pace, counts)
             } else {
                 self.send_and_wait(&shot, counts)?
             };
@@ -196,6 +197,48 @@ impl Player {
     fn send(&self, shot: &Shot) {
         if let Some(output) = self.output.get() {
             output.publish(shot);
+        }
+    }
+
+    /// Sends a frame when it is due, or when the nodes have caught up.
+    fn send_in_time(&self, shot: &Shot, pace: &mut Pace, counts: &mut Counts) -> Result<(), Stopped> {
+        self.wait_until(pace.due(shot.stamp, self.config.rate))?;
+        let waited = Instant::now();
+        while self.is_too_far_ahead(pace) {
+            if !self.wait_for_any_acknowledgement(pace)? {
+                tracing::warn!("nobody says to have worked on {} frames: going on", pace.on_their_way.len());
+                counts.given_up += pace.on_their_way.len() as u64;
+                pace.on_their_way.clear();
+            }
+        }
+        pace.postpone(waited.elapsed());
+        pace.on_their_way.push_back(shot.stamp);
+        self.send(shot);
+        Ok(())
+    }
+
+    fn is_too_far_ahead(&self, pace: &mut Pace) -> bool {
+        let source = self.source();
+        self.acknowledged.try_iter().filter(|(_, from)| *from == source).for_each(|(done, _)| pace.arrived(done));
+        let limit = self.config.max_ahead as usize;
+        limit > 0 && self.is_acknowledged() && pace.on_their_way.len() >= limit
+    }
+
+    /// Whether one came in time.
+    fn wait_for_any_acknowledgement(&self, pace: &mut Pace) -> Result<bool, Stopped> {
+        let source = self.source();
+        let timeout = crossbeam_channel::after(Duration::from_secs_f64(self.config.acknowledge_timeout));
+        loop {
+            crossbeam_channel::select! {
+                recv(self.acknowledged) -> done => {
+                    if let Ok((stamp, from)) = done && from == source {
+                        pace.arrived(stamp);
+                        return Ok(true);
+                    }
+                }
+                recv(timeout) -> _ => return Ok(false),
+                recv(self.stopped) -> _ => return Err(Stopped),
+            }
         }
     }
 
@@ -239,6 +282,14 @@ impl Player {
                 recv(self.stopped) -> _ => return Err(Stopped),
             }
         }
+    }
+
+    /// Whether there is anybody whose word counts.
+    fn is_acknowledged(&self) -> bool {
+        self.output.get().is_some_and(|o| {
+            let topic = if self.source() == Source::Tracking { &o.state_topic } else { &o.mask_topic };
+            o.graph.publishers(topic) > 0
+        })
     }
 
     /// Whose word counts: tracking's, which comes last, where there is a tracker.
@@ -288,13 +339,15 @@ impl Player {
 struct Counts {
     sent: u64,
     resent: u64,
+    given_up: u64,
     broken: u64,
 }
 
-/// When frames are due.
-#[derive(Clone, Copy, Debug, Default)]
+/// When frames are due, and which were sent and not worked on yet.
+#[derive(Clone, Debug, Default)]
 struct Pace {
     origin: Option<(Instant, Stamp)>,
+    on_their_way: VecDeque<Stamp>,
 }
 
 impl Pace {
@@ -302,6 +355,18 @@ impl Pace {
     fn due(&mut self, stamp: Stamp, rate: f64) -> Instant {
         let (start, first) = *self.origin.get_or_insert_with(|| (Instant::now(), stamp));
         start + Duration::from_secs_f64((stamp.seconds_since(first) / rate).max(0.0))
+    }
+
+    /// What is still to come keeps its distances.
+    fn postpone(&mut self, delay: Duration) {
+        if let Some((start, _)) = &mut self.origin {
+            *start += delay;
+        }
+    }
+
+    /// A frame was worked on; earlier ones were, or never will be.
+    fn arrived(&mut self, stamp: Stamp) {
+        self.on_their_way.retain(|&sent| sent > stamp);
     }
 }
 
@@ -315,5 +380,14 @@ mod tests {
         let first = pace.due(Stamp::from_nanos(0), 2.0);
         let second = pace.due(Stamp::from_nanos(1_000_000_000), 2.0);
         assert_eq!(second - first, Duration::from_millis(500));
+        pace.postpone(Duration::from_millis(100));
+        assert_eq!(pace.due(Stamp::from_nanos(1_000_000_000), 2.0) - first, Duration::from_millis(600));
+    }
+
+    #[test]
+    fn what_was_worked_on_is_no_longer_on_its_way() {
+        let mut pace = Pace { on_their_way: (1..5).map(Stamp::from_nanos).collect(), ..Pace::default() };
+        pace.arrived(Stamp::from_nanos(3));
+        assert_eq!(pace.on_their_way, [Stamp::from_nanos(4)]);
     }
 }

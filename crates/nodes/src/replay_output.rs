@@ -75,6 +75,8 @@ pub struct ReplayOutput {
     pub graph: Graph,
     /// Full name of the topic on which tracking says what it has worked on.
     pub state_topic: String,
+    /// Full name of the topic on which segmentation says so.
+    pub mask_topic: String,
 }
 
 impl ReplayOutput {
@@ -97,6 +99,7 @@ impl ReplayOutput {
             config: config.clone(),
             graph: node.graph().clone(),
             state_topic: node.names().resolve("tracking_state")?,
+            mask_topic: node.names().resolve("dynamic_mask")?,
         })
     }
 

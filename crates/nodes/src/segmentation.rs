@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use pfd_geometry::{Camera, Stamp};
 use pfd_parameters::NodeConfig;
 use pfd_ros::convert::regions::{matrix_to_rows, vector_to_array};
 use pfd_ros::convert::{mask_to_image, rgb_to_image};
@@ -10,16 +9,17 @@ use pfd_ros::diagnostics::Level;
 use pfd_ros::messages::pfd::{DynamicRegion, DynamicRegions};
 use pfd_ros::messages::sensor::{Image, RegionOfInterest};
 use pfd_ros::messages::standard::Header;
-use pfd_ros::{Arguments, Names, Node, Publisher, Qos, RosError, Setup};
-use pfd_segmentation::{Segmentation, Segmenter, Status};
-use tokio::sync::Notify;
+use pfd_ros::{Arguments, Names, Node, Publisher, Qos, RosError};
+use pfd_segmentation::{Segmentation, Status};
 
-use crate::camera_input::CameraInput;
+use crate::camera_input::{RawFrame, frames};
 use crate::node_diagnostics;
 use crate::outlet::Outlet;
 use crate::overlay;
 use crate::recorder::{FrameRecord, Recorder};
-use crate::settings::{LiveSettings, Settings, is_changeable_in_segmentation};
+use crate::segmentation_stage::SegmentationStage;
+use crate::settings::is_changeable_in_segmentation;
+use crate::startup::Startup;
 use crate::worker::{Frame, Health, Processor, Worker};
 
 /// Publishers of what the segmentation found.
@@ -97,44 +97,15 @@ pub fn figures(segmentation: &Segmentation) -> Vec<(&'static str, String)> {
 
 /// The work of the node.
 struct SegmentationProcessor {
-    settings: LiveSettings,
-    /// The segmenter, the camera that it is for, and the generation of the settings.
-    segmenter: Option<(Segmenter, Camera, u64)>,
-    last_stamp: Option<Stamp>,
-    output: Arc<Outlet<MaskOutput>>,
+    stage: SegmentationStage,
     recorder: Recorder,
-    health: Health,
-}
-
-impl SegmentationProcessor {
-    /// The segmenter for this frame: a new one when camera or parameters changed, a fresh start when time was set back.
-    fn segmenter(&mut self, frame: &Frame) -> anyhow::Result<&mut Segmenter> {
-        let generation = self.settings.generation();
-        let fits = |(_, camera, g): &(Segmenter, Camera, u64)| *camera == frame.camera && *g == generation;
-        if !self.segmenter.as_ref().is_some_and(fits) {
-            let slam = self.settings.get().slam;
-            let segmenter = Segmenter::new(frame.camera, slam.mode, &slam.segmentation, slam.seed)?;
-            self.segmenter = Some((segmenter, frame.camera, generation));
-        }
-        let stamp = frame.images.stamp();
-        let set_back = self.last_stamp.replace(stamp).is_some_and(|last| stamp <= last);
-        let (segmenter, ..) = self.segmenter.as_mut().ok_or_else(|| anyhow::anyhow!("no segmenter"))?;
-        if set_back {
-            tracing::warn!("time was set back to {stamp}: starting afresh");
-            segmenter.reset();
-        }
-        Ok(segmenter)
-    }
 }
 
 impl Processor for SegmentationProcessor {
-    fn process(&mut self, frame: &Frame) -> anyhow::Result<()> {
-        let segmentation = self.segmenter(frame)?.segment(&frame.images)?;
-        if let Some(output) = self.output.get() {
-            output.publish(frame, &segmentation);
-        }
-        let (level, message) = judge(&segmentation);
-        self.health.report(level, message, figures(&segmentation));
+    type Job = RawFrame;
+
+    fn process(&mut self, raw: RawFrame) -> anyhow::Result<()> {
+        let segmentation = self.stage.segment(&Frame::decode(&raw)?)?;
         self.recorder.add_mask(segmentation.stamp, &segmentation.mask)?;
         self.recorder.add(&FrameRecord {
             stamp: segmentation.stamp,
@@ -155,30 +126,21 @@ impl Processor for SegmentationProcessor {
 /// # Errors
 /// When parameters, network or files are at fault.
 pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
-    let settings = Settings::read(args, &names)?;
-    let config = settings.node.clone();
-    let setup = Setup::new(args, names, &config.network, config.use_sim_time)?;
-    let input = CameraInput::new(&config, settings.camera()?);
-    let recorder = Recorder::new(&config.frames_file, &config.mask_directory)?;
-    let live = LiveSettings::new(settings);
-    let parameters = live.server(setup.clock.clone(), is_changeable_in_segmentation);
+    let start = Startup::new(args, names, is_changeable_in_segmentation)?;
     let (output, health) = (Arc::new(Outlet::default()), Health::default());
-    let processor = SegmentationProcessor {
-        settings: live,
-        segmenter: None,
-        last_stamp: None,
-        output: output.clone(),
-        recorder,
-        health: health.clone(),
-    };
-    let worker = Worker::start("segmentation", input.clone(), health.clone(), setup.clock.clone(), processor)?;
-    let result = pfd_ros::run(&setup, &Arc::new(Notify::new()), |node: &mut Node| {
-        output.set(MaskOutput::new(node, &config)?);
-        parameters.attach(node)?;
-        node_diagnostics::attach(node, "segmentation", input.clone(), health.clone())?;
+    let (tools, recorder) = (start.tools(&health), start.recorder()?);
+    let stage = SegmentationStage::new(start.settings, output.clone(), health.clone());
+    let processor = SegmentationProcessor { stage, recorder };
+    let input = start.input;
+    let worker = Worker::start("segmentation", frames(&input), tools, processor)?;
+    let result = pfd_ros::run(&start.setup, &start.ended, |node: &mut Node| {
+        output.set(MaskOutput::new(node, &start.config)?);
+        start.parameters.attach(node)?;
+        node_diagnostics::attach(node, input.clone(), vec![("segmentation", health.clone())])?;
         input.attach(node)
     });
     output.clear();
+    input.slot.close();
     worker.finish()?;
     Ok(result?)
 }

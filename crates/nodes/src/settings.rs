@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use pfd_geometry::Camera;
+use pfd_geometry::{Camera, Stamp};
 use pfd_parameters::{NodeConfig, NodeName, ParameterError, ParameterTree, ReplayConfig, Value, describe, values};
 use pfd_pipeline::SlamConfig;
 use pfd_ros::{Arguments, Clock, Names, ParameterServer, ParameterServerOptions};
@@ -58,9 +58,22 @@ impl Settings {
     }
 }
 
-/// Parameters of `tracking_node` and `slam_node` that take effect while the node runs.
+/// A step back by more than this (seconds) is no reordering: a new recording, a bag that loops.
+const SET_BACK: f64 = 1.0;
+
+/// Whether time was set back between two frames.
+pub fn is_set_back(last: Stamp, now: Stamp) -> bool {
+    last.seconds_since(now) > SET_BACK
+}
+
+/// Parameters of `tracking_node` that take effect while the node runs.
+pub fn is_changeable_in_tracking(name: &str) -> bool {
+    ["mode", "mask_timeout", "publish_tf", "path_length", "use_sim_time"].contains(&name)
+}
+
+/// Parameters of `slam_node` that take effect while the node runs.
 pub fn is_changeable_in_slam(name: &str) -> bool {
-    ["mask_timeout", "publish_tf", "path_length", "use_sim_time"].contains(&name)
+    is_changeable_in_tracking(name) || is_changeable_in_segmentation(name)
 }
 
 /// Parameters of `segmentation_node` that take effect while the node runs.
@@ -71,23 +84,18 @@ pub fn is_changeable_in_segmentation(name: &str) -> bool {
 /// The configuration as it is now; clones share it.
 #[derive(Clone, Debug)]
 pub struct LiveSettings {
-    shared: Arc<Mutex<(Settings, u64)>>,
+    shared: Arc<Mutex<Settings>>,
 }
 
 impl LiveSettings {
     /// Starts with what was read.
     pub fn new(settings: Settings) -> Self {
-        Self { shared: Arc::new(Mutex::new((settings, 0))) }
+        Self { shared: Arc::new(Mutex::new(settings)) }
     }
 
     /// The settings now.
     pub fn get(&self) -> Settings {
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner).0.clone()
-    }
-
-    /// How often they were changed.
-    pub fn generation(&self) -> u64 {
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner).1
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// The parameter services over these settings; `changeable` says which take effect while the node runs.
@@ -111,10 +119,10 @@ impl LiveSettings {
         let overrides: Vec<(String, Value)> = set.map(|(name, value)| (name.clone(), value.clone())).collect();
         let name = NodeName::new("/", "node").map_err(|e| e.to_string())?;
         let new = Settings::from_tree(&[], &name, &overrides).map_err(|e| e.to_string())?;
+        new.slam.segmentation.check().map_err(|e| e.to_string())?;
         clock.set_simulated(new.node.use_sim_time);
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
-        shared.0 = Settings { replay: shared.0.replay.clone(), ..new };
-        shared.1 += 1;
+        *shared = Settings { replay: shared.replay.clone(), ..new };
         Ok(())
     }
 }
@@ -158,9 +166,9 @@ mod tests {
         all.insert("use_sim_time".into(), true.into());
         live.apply(&all, &clock).unwrap();
         assert!(clock.is_simulated() && live.get().node.use_sim_time);
-        assert_eq!(live.generation(), 1);
+        let before = live.get();
         all.insert("mask_timeout".into(), (-1).into());
         assert!(live.apply(&all, &clock).is_err());
-        assert_eq!(live.generation(), 1);
+        assert_eq!(live.get(), before);
     }
 }

@@ -3,43 +3,87 @@
 //! The two differ in where the mask comes from: another node, or the segmentation in the same process.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use crossbeam_channel::bounded;
 use pfd_ros::convert::pose::pose_from_transform;
 use pfd_ros::messages::geometry::TfMessage;
 use pfd_ros::messages::pfd::{FilePath, FilePathRequest, FilePathResponse};
 use pfd_ros::messages::standard::{Trigger, TriggerResponse};
-use pfd_ros::{Arguments, Names, Node, Qos, RosError, Setup, StaticTransforms};
-use tokio::sync::Notify;
+use pfd_ros::{Arguments, Names, Node, Qos, RosError, StaticTransforms};
+use pfd_tracking::Tracker;
 
-use crate::camera_input::CameraInput;
-use crate::core::{Core, Kind};
+use crate::camera_input::frames;
+use crate::first_stage::FirstStage;
 use crate::mask_input::MaskInput;
 use crate::node_diagnostics;
 use crate::outlet::Outlet;
-use crate::recorder::{Recorder, save_trajectory};
+use crate::recorder::save_trajectory;
 use crate::segmentation::MaskOutput;
-use crate::settings::{LiveSettings, Settings, is_changeable_in_slam};
-use crate::slam_processor::SlamProcessor;
+use crate::segmentation_stage::SegmentationStage;
+use crate::settings::{is_changeable_in_slam, is_changeable_in_tracking};
+use crate::slam_processor::{Parts, SlamProcessor, TrackingJob};
+use crate::startup::Startup;
 use crate::tracking_output::TrackingOutput;
 use crate::worker::{Health, Worker};
 
-/// What worker, services and callbacks share.
+/// Which of the two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Masks come from another node.
+    Tracking,
+    /// Masks are made here.
+    Composed,
+}
+
+impl Kind {
+    fn is_changeable(self) -> fn(&str) -> bool {
+        match self {
+            Self::Tracking => is_changeable_in_tracking,
+            Self::Composed => is_changeable_in_slam,
+        }
+    }
+}
+
+/// What workers, services and callbacks share.
+#[derive(Default)]
 pub struct Shared {
-    /// The algorithms; locked for one frame at a time.
-    core: Mutex<Option<Core>>,
+    /// The tracker, once the camera is known; locked for one frame at a time.
+    tracker: Mutex<Option<Tracker>>,
     /// Static transforms heard so far.
     pub transforms: Mutex<StaticTransforms>,
     /// Frames are ignored.
     pub paused: AtomicBool,
+    /// How often everything was to be forgotten.
+    pub resets: AtomicU64,
 }
 
 impl Shared {
-    /// The algorithms. A panic in them ends the worker, and with it the node; there is nothing to protect.
-    pub fn core(&self) -> MutexGuard<'_, Option<Core>> {
-        self.core.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The tracker. A panic in it ends the worker, and with it the node; there is nothing to protect.
+    pub fn tracker(&self) -> MutexGuard<'_, Option<Tracker>> {
+        self.tracker.lock().unwrap_or_else(PoisonError::into_inner)
     }
+
+    fn reset(&self) -> &'static str {
+        self.resets.fetch_add(1, Ordering::Relaxed);
+        match self.tracker().as_mut() {
+            Some(tracker) => {
+                tracker.reset();
+                "the map is empty again"
+            }
+            None => "there is no map yet",
+        }
+    }
+}
+
+/// The publishers of the present node.
+#[derive(Clone, Default)]
+pub struct Outlets {
+    /// Poses and map.
+    pub tracks: Arc<Outlet<TrackingOutput>>,
+    /// Masks, where they are made here.
+    pub masks: Arc<Outlet<MaskOutput>>,
 }
 
 /// Runs the node until it is told to stop.
@@ -47,49 +91,68 @@ impl Shared {
 /// # Errors
 /// When parameters, network or files are at fault.
 pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
-    let settings = Settings::read(args, &names)?;
-    let config = settings.node.clone();
-    let setup = Setup::new(args, names, &config.network, config.use_sim_time)?;
-    let input = CameraInput::new(&config, settings.camera()?);
-    let recorder = Recorder::new(&config.frames_file, &config.mask_directory)?;
-    let live = LiveSettings::new(settings);
-    let parameters = live.server(setup.clock.clone(), is_changeable_in_slam);
-    let shared =
-        Arc::new(Shared { core: Mutex::default(), transforms: Mutex::default(), paused: AtomicBool::new(false) });
-    let health = Health::default();
-    let masks = Arc::new(MaskInput::new(config.queue));
-    let (tracks, mask_output) = (Arc::new(Outlet::default()), Arc::new(Outlet::default()));
-    let processor = SlamProcessor::new(
-        kind,
-        live,
-        shared.clone(),
-        masks.clone(),
-        (tracks.clone(), mask_output.clone()),
-        recorder,
-        health.clone(),
-    );
-    let worker = Worker::start("slam", input.clone(), health.clone(), setup.clock.clone(), processor)?;
-    let result = pfd_ros::run(&setup, &Arc::new(Notify::new()), |node: &mut Node| {
-        tracks.set(TrackingOutput::new(node)?);
+    let start = Startup::new(args, names, kind.is_changeable())?;
+    let (shared, outlets) = (Arc::new(Shared::default()), Outlets::default());
+    let masks = Arc::new(MaskInput::new(start.config.queue));
+    let (workers, works) = start_workers(kind, &start, &shared, &masks, &outlets)?;
+    let input = &start.input;
+    let result = pfd_ros::run(&start.setup, &start.ended, |node: &mut Node| {
+        outlets.tracks.set(TrackingOutput::new(node)?);
         match kind {
             Kind::Tracking => masks.attach(node)?,
-            Kind::Composed => mask_output.set(MaskOutput::new(node, &config)?),
+            Kind::Composed => outlets.masks.set(MaskOutput::new(node, &start.config)?),
         }
-        parameters.attach(node)?;
+        start.parameters.attach(node)?;
         attach_services(node, &shared)?;
         attach_transforms(node, shared.clone())?;
-        node_diagnostics::attach(node, "tracking", input.clone(), health.clone())?;
+        node_diagnostics::attach(node, input.clone(), works.clone())?;
         input.attach(node)
     });
     masks.clear();
-    let finished = worker.finish();
-    tracks.clear();
-    mask_output.clear();
+    input.slot.close();
+    let finished = workers.into_iter().try_for_each(Worker::finish);
+    outlets.tracks.clear();
+    outlets.masks.clear();
     finished?;
-    if !config.trajectory_file.is_empty() {
-        save(&shared, &config.trajectory_file)?;
+    if !start.config.trajectory_file.is_empty() {
+        save(&shared, &start.config.trajectory_file)?;
     }
     Ok(result?)
+}
+
+/// Threads, first stage first, and how each kind of work goes.
+type Workers = (Vec<Worker>, Vec<(&'static str, Health)>);
+
+/// Tracking on one thread; in the composed node segmentation on another one before it, so that a frame is segmented while the one
+/// before it is tracked.
+fn start_workers(
+    kind: Kind,
+    start: &Startup,
+    shared: &Arc<Shared>,
+    masks: &Arc<MaskInput>,
+    outlets: &Outlets,
+) -> anyhow::Result<Workers> {
+    let health = Health::default();
+    let tools = start.tools(&health);
+    let recorder = start.recorder()?;
+    let parts =
+        Parts { shared: shared.clone(), masks: masks.clone(), tracks: outlets.tracks.clone(), health: health.clone() };
+    let tracking = SlamProcessor::new(kind, start.settings.clone(), parts, recorder);
+    let mut next = frames(&start.input);
+    if kind == Kind::Tracking {
+        let next = move || next().map(|raw| TrackingJob::from_messages(&raw));
+        return Ok((vec![Worker::start("tracking", next, tools, tracking)?], vec![("tracking", health)]));
+    }
+    // One waits while another is tracked: what tracking cannot keep up with is dropped, and counted, where frames come in.
+    let (hand_over, segmented) = bounded(1);
+    let segmentation_health = Health::default();
+    let stage = SegmentationStage::new(start.settings.clone(), outlets.masks.clone(), segmentation_health.clone());
+    let first = FirstStage::new(stage, shared.clone(), hand_over, health.clone());
+    let workers = vec![
+        Worker::start("segmentation", next, start.tools(&segmentation_health), first)?,
+        Worker::start("tracking", move || segmented.recv().ok(), tools, tracking)?,
+    ];
+    Ok((workers, vec![("segmentation", segmentation_health), ("tracking", health)]))
 }
 
 /// Static transforms, of which the camera's way to the base is taken.
@@ -107,7 +170,7 @@ fn attach_transforms(node: &mut Node, shared: Arc<Shared>) -> Result<(), RosErro
 
 fn attach_services(node: &mut Node, shared: &Arc<Shared>) -> Result<(), RosError> {
     let s = shared.clone();
-    node.serve::<Trigger>("~/reset", move |_| done(s.core().as_mut().map_or("there is no map yet", reset)))?;
+    node.serve::<Trigger>("~/reset", move |_| done(s.reset()))?;
     let s = shared.clone();
     node.serve::<Trigger>("~/pause", move |_| {
         s.paused.store(true, Ordering::Relaxed);
@@ -122,17 +185,12 @@ fn attach_services(node: &mut Node, shared: &Arc<Shared>) -> Result<(), RosError
     node.serve::<FilePath>("~/save_trajectory", move |r| answer(&r, |path| save(&s, path)))?;
     let s = shared.clone();
     node.serve::<FilePath>("~/save_map", move |r| {
-        answer(&r, |path| with_core(&s, |core| Ok(core.tracker().save_map(Path::new(path))?)))
+        answer(&r, |path| with_tracker(&s, |tracker| Ok(tracker.save_map(Path::new(path))?)))
     })?;
     let s = shared.clone();
     node.serve::<FilePath>("~/load_map", move |r| {
-        answer(&r, |path| with_core(&s, |core| Ok(core.tracker_mut().load_map(Path::new(path))?)))
+        answer(&r, |path| with_tracker(&s, |tracker| Ok(tracker.load_map(Path::new(path))?)))
     })
-}
-
-fn reset(core: &mut Core) -> &'static str {
-    core.reset();
-    "the map is empty again"
 }
 
 fn done(message: &str) -> TriggerResponse {
@@ -149,10 +207,10 @@ fn answer(request: &FilePathRequest, action: impl FnOnce(&str) -> anyhow::Result
     }
 }
 
-fn with_core(shared: &Shared, action: impl FnOnce(&mut Core) -> anyhow::Result<()>) -> anyhow::Result<()> {
-    action(shared.core().as_mut().ok_or_else(|| anyhow::anyhow!("no frame has been received yet"))?)
+fn with_tracker(shared: &Shared, action: impl FnOnce(&mut Tracker) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    action(shared.tracker().as_mut().ok_or_else(|| anyhow::anyhow!("no frame has been received yet"))?)
 }
 
 fn save(shared: &Shared, path: &str) -> anyhow::Result<()> {
-    with_core(shared, |core| save_trajectory(Path::new(path), &core.tracker().trajectory()))
+    with_tracker(shared, |tracker| save_trajectory(Path::new(path), &tracker.trajectory()))
 }

@@ -4,37 +4,95 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use pfd_geometry::{Camera, Mask, Stamp};
 use pfd_parameters::NodeConfig;
 use pfd_pipeline::SlamConfig;
 use pfd_ros::Throttle;
 use pfd_ros::diagnostics::Level;
-use pfd_segmentation::Mode;
-use pfd_tracking::TrackingState;
+use pfd_segmentation::{Mode, Segmentation};
+use pfd_tracking::{TrackedFrame, Tracker, TrackingState};
 
-use crate::core::{Core, Kind, Outcome};
+use crate::camera_input::RawFrame;
 use crate::mask_input::MaskInput;
 use crate::outlet::Outlet;
 use crate::recorder::{FrameRecord, Recorder};
-use crate::segmentation::{self, MaskOutput};
-use crate::settings::LiveSettings;
-use crate::slam::Shared;
+use crate::settings::{LiveSettings, is_set_back};
+use crate::slam::{Kind, Shared};
 use crate::tracking_output::{FrameNames, TrackingOutput};
-use crate::worker::{Frame, Health, Processor};
+use crate::worker::{Frame, Health, Job, Processor};
 
 /// Time between two messages of the map, path and keyframes: they are large.
 const MAP_PERIOD: Duration = Duration::from_secs(1);
 
-/// Works on frames.
+/// A frame on its way to tracking.
+pub struct TrackingJob {
+    /// Stamp of the colour image.
+    pub stamp: Stamp,
+    /// Frame of the colour image.
+    pub frame_id: String,
+    /// The images with what moves in them, where that was found in this process; or why there are none.
+    pub work: anyhow::Result<(Frame, Option<Segmented>)>,
+}
+
+impl TrackingJob {
+    /// A frame whose mask comes from another node.
+    pub fn from_messages(raw: &RawFrame) -> Self {
+        let work = Frame::decode(raw).map(|frame| (frame, None)).map_err(anyhow::Error::from);
+        Self { stamp: raw.stamp(), frame_id: raw.frame_id().to_owned(), work }
+    }
+}
+
+impl Job for TrackingJob {
+    fn stamp(&self) -> Stamp {
+        self.stamp
+    }
+}
+
+/// What moves in a frame.
+#[derive(Clone, Debug)]
+pub struct Segmented {
+    /// Mask and regions.
+    pub segmentation: Segmentation,
+    /// Wall-clock time that it took.
+    pub milliseconds: f64,
+}
+
+/// The outcome for a frame.
+pub struct Outcome {
+    /// What moves, where it was found here.
+    pub segmented: Option<Segmented>,
+    /// Where the camera is.
+    pub tracked: TrackedFrame,
+    /// Wall-clock time of tracking, ms.
+    pub tracking_ms: f64,
+}
+
+impl Outcome {
+    /// Wall-clock time of segmentation, ms; 0 where it was done elsewhere.
+    pub fn segmentation_ms(&self) -> f64 {
+        self.segmented.as_ref().map_or(0.0, |s| s.milliseconds)
+    }
+}
+
+/// What the work shares with the rest of the node.
+pub struct Parts {
+    /// Tracker and switches.
+    pub shared: Arc<Shared>,
+    /// Masks of another node.
+    pub masks: Arc<MaskInput>,
+    /// Publishers.
+    pub tracks: Arc<Outlet<TrackingOutput>>,
+    /// For diagnostics.
+    pub health: Health,
+}
+
+/// Tracks frames.
 pub struct SlamProcessor {
     kind: Kind,
     settings: LiveSettings,
-    shared: Arc<Shared>,
-    masks: Arc<MaskInput>,
-    tracks: Arc<Outlet<TrackingOutput>>,
-    mask_output: Arc<Outlet<MaskOutput>>,
+    parts: Parts,
     recorder: Recorder,
-    health: Health,
     names: FrameNames,
     camera: Option<Camera>,
     last_stamp: Option<Stamp>,
@@ -45,25 +103,12 @@ pub struct SlamProcessor {
 
 impl SlamProcessor {
     /// A processor that has not seen a camera yet.
-    pub fn new(
-        kind: Kind,
-        settings: LiveSettings,
-        shared: Arc<Shared>,
-        masks: Arc<MaskInput>,
-        outputs: (Arc<Outlet<TrackingOutput>>, Arc<Outlet<MaskOutput>>),
-        recorder: Recorder,
-        health: Health,
-    ) -> Self {
-        let (tracks, mask_output) = outputs;
+    pub fn new(kind: Kind, settings: LiveSettings, parts: Parts, recorder: Recorder) -> Self {
         Self {
             kind,
             settings,
-            shared,
-            masks,
-            tracks,
-            mask_output,
+            parts,
             recorder,
-            health,
             names: FrameNames::default(),
             camera: None,
             last_stamp: None,
@@ -73,24 +118,45 @@ impl SlamProcessor {
         }
     }
 
-    /// Makes the algorithms anew when the camera changed, and starts afresh when time was set back.
+    /// Makes the tracker anew when the camera changed, and starts afresh when time was set back.
     fn prepare(&mut self, frame: &Frame, slam: &SlamConfig) -> anyhow::Result<()> {
         let stamp = frame.images.stamp();
-        let mut core = self.shared.core();
-        if core.is_none() || self.camera != Some(frame.camera) {
-            if core.is_some() {
+        let mut tracker = self.parts.shared.tracker();
+        if tracker.is_none() || self.camera != Some(frame.camera) {
+            if tracker.is_some() {
                 tracing::warn!("the camera's size or calibration changed: starting a new map");
             }
-            *core = Some(Core::new(self.kind, frame.camera, slam)?);
+            *tracker = Some(Tracker::new(frame.camera, &slam.tracking, slam.seed)?);
             self.camera = Some(frame.camera);
         }
         if self.last_stamp.replace(stamp).is_some_and(|last| is_set_back(last, stamp)) {
             tracing::warn!("time was set back to {stamp}: starting a new map");
-            core.as_mut().into_iter().for_each(Core::reset);
+            tracker.as_mut().into_iter().for_each(Tracker::reset);
             self.names = FrameNames::default();
-            self.masks.restart();
+            self.parts.masks.restart();
         }
         Ok(())
+    }
+
+    fn track(&mut self, frame: &Frame, mask: Option<&Mask>) -> anyhow::Result<(TrackedFrame, f64)> {
+        let mut tracker = self.parts.shared.tracker();
+        let tracker = tracker.as_mut().context("there is no tracker")?;
+        let start = Instant::now();
+        let tracked = tracker.track(&frame.images, mask).context("tracking")?;
+        Ok((tracked, start.elapsed().as_secs_f64() * 1e3))
+    }
+
+    fn work(&mut self, frame: &Frame, segmented: Option<Segmented>) -> anyhow::Result<()> {
+        let settings = self.settings.get();
+        self.prepare(frame, &settings.slam)?;
+        let received = self.mask(frame.images.stamp(), &settings.node, settings.slam.mode);
+        let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
+        let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here))?;
+        let outcome = Outcome { segmented, tracked, tracking_ms };
+        let mask = received.as_ref().or(outcome.segmented.as_ref().map(|s| &s.segmentation.mask));
+        self.publish(frame, &outcome, mask, &settings.node);
+        self.report(&outcome, mask);
+        self.record(&outcome, mask)
     }
 
     /// The mask from the other node; without masks tracking goes on and says so.
@@ -98,11 +164,11 @@ impl SlamProcessor {
         if self.kind == Kind::Composed || mode == Mode::None {
             return None;
         }
-        let mask = self.masks.take(stamp, Duration::from_secs_f64(config.mask_timeout));
+        let mask = self.parts.masks.take(stamp, Duration::from_secs_f64(config.mask_timeout));
         if mask.is_none() {
             self.missing_masks += 1;
             if let Some(more) = self.complaints.pass() {
-                let why = if self.masks.is_published() {
+                let why = if self.parts.masks.is_published() {
                     "it came too late (mask_timeout)"
                 } else {
                     "nobody publishes masks"
@@ -114,12 +180,9 @@ impl SlamProcessor {
     }
 
     fn publish(&mut self, frame: &Frame, outcome: &Outcome, mask: Option<&Mask>, config: &NodeConfig) {
-        if let (Some(output), Some(segmentation)) = (self.mask_output.get(), &outcome.segmentation) {
-            output.publish(frame, segmentation);
-        }
-        let Some(output) = self.tracks.get() else { return };
+        let Some(output) = self.parts.tracks.get() else { return };
         {
-            let transforms = self.shared.transforms.lock().unwrap_or_else(PoisonError::into_inner);
+            let transforms = self.parts.shared.transforms.lock().unwrap_or_else(PoisonError::into_inner);
             self.names.update(&transforms, &frame.frame_id, config);
         }
         output.publish_pose(&mut self.names, outcome, config);
@@ -131,8 +194,8 @@ impl SlamProcessor {
     }
 
     fn publish_map(&self, output: &TrackingOutput, stamp: Stamp, config: &NodeConfig) {
-        if let (Some(core), Some(camera)) = (self.shared.core().as_ref(), &self.camera) {
-            output.publish_map(&self.names, core.tracker(), camera, stamp, config);
+        if let (Some(tracker), Some(camera)) = (self.parts.shared.tracker().as_ref(), &self.camera) {
+            output.publish_map(&self.names, tracker, camera, stamp, config);
         }
     }
 
@@ -144,12 +207,12 @@ impl SlamProcessor {
         self.recorder.add(&FrameRecord {
             stamp: t.stamp,
             state: t.state.to_string(),
-            segmentation_ms: outcome.segmentation_ms,
+            segmentation_ms: outcome.segmentation_ms(),
             tracking_ms: outcome.tracking_ms,
             features: t.features,
             inliers: t.inliers,
             mask_fraction: mask.map_or(0.0, Mask::fraction),
-            objects: outcome.segmentation.as_ref().map_or(0, |s| s.regions.len()),
+            objects: outcome.segmented.as_ref().map_or(0, |s| s.segmentation.regions.len()),
         })
     }
 
@@ -171,48 +234,31 @@ impl SlamProcessor {
             ("frames without a mask", self.missing_masks.to_string()),
         ];
         values.extend(t.timing.0.iter().map(|(stage, ms)| (*stage, format!("{ms:.2} ms"))));
-        values.extend(outcome.segmentation.iter().flat_map(segmentation::figures));
-        self.health.report(level, message, values);
+        self.parts.health.report(level, message, values);
     }
-}
-
-/// A step back by more than this (seconds) is no reordering: a new recording, a bag that loops.
-const SET_BACK: f64 = 1.0;
-
-fn is_set_back(last: Stamp, now: Stamp) -> bool {
-    last.seconds_since(now) > SET_BACK
 }
 
 impl Processor for SlamProcessor {
-    fn process(&mut self, frame: &Frame) -> anyhow::Result<()> {
-        if self.shared.paused.load(Ordering::Relaxed) {
-            self.health.report(Level::Warn, "paused".into(), Vec::new());
+    type Job = TrackingJob;
+
+    fn process(&mut self, job: TrackingJob) -> anyhow::Result<()> {
+        if self.parts.shared.paused.load(Ordering::Relaxed) {
+            self.parts.health.report(Level::Warn, "paused".into(), Vec::new());
             return Ok(());
         }
-        let settings = self.settings.get();
-        self.prepare(frame, &settings.slam)?;
-        let received = self.mask(frame.images.stamp(), &settings.node, settings.slam.mode);
-        let result = {
-            let mut core = self.shared.core();
-            let core = core.as_mut().ok_or_else(|| anyhow::anyhow!("there is no tracker"))?;
-            core.process(&frame.images, received.as_ref())
-        };
+        let result = job.work.and_then(|(frame, segmented)| self.work(&frame, segmented));
         if result.is_err()
-            && let Some(output) = self.tracks.get()
+            && let Some(output) = self.parts.tracks.get()
         {
-            output.publish_failure(&frame.frame_id, frame.images.stamp());
+            output.publish_failure(&job.frame_id, job.stamp);
         }
-        let outcome = result?;
-        let mask = received.as_ref().or(outcome.segmentation.as_ref().map(|s| &s.mask));
-        self.publish(frame, &outcome, mask, &settings.node);
-        self.report(&outcome, mask);
-        self.record(&outcome, mask)
+        result
     }
 
     fn finish(&mut self) -> anyhow::Result<()> {
-        self.shared.core().as_mut().into_iter().for_each(Core::finish);
+        self.parts.shared.tracker().as_mut().into_iter().for_each(Tracker::finish);
         let config = self.settings.get().node;
-        if let (Some(output), Some(stamp)) = (self.tracks.get(), self.last_stamp) {
+        if let (Some(output), Some(stamp)) = (self.parts.tracks.get(), self.last_stamp) {
             self.publish_map(&output, stamp, &config);
         }
         self.recorder.finish()

@@ -23,7 +23,7 @@ use pfd_ros::messages::visualization::MarkerArray;
 use pfd_ros::{Node, Publisher, Qos, RosError, StaticTransforms, upright_map};
 use pfd_tracking::{TrackedFrame, Tracker, TrackingState};
 
-use crate::core::Outcome;
+use crate::slam_processor::Outcome;
 
 /// Messages kept of poses and states.
 const DEPTH: i32 = 10;
@@ -122,7 +122,7 @@ impl TrackingOutput {
             is_keyframe: t.is_keyframe,
             mask_used: mask.is_some(),
             mask_fraction: mask.map_or(0.0, |m| m.fraction() as f32),
-            segmentation_ms: outcome.segmentation_ms,
+            segmentation_ms: outcome.segmentation_ms(),
             tracking_ms: outcome.tracking_ms,
             stages: stages.collect(),
         });

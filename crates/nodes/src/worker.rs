@@ -1,4 +1,4 @@
-//! The thread on which a node works.
+//! The threads on which a node works.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -8,8 +8,9 @@ use pfd_geometry::{Camera, RgbdFrame, Stamp};
 use pfd_ros::diagnostics::{Level, status};
 use pfd_ros::messages::diagnostic::DiagnosticStatus;
 use pfd_ros::{Clock, Throttle};
+use tokio::sync::Notify;
 
-use crate::camera_input::CameraInput;
+use crate::camera_input::{DecodeError, RawFrame};
 
 /// A frame with what the outputs need to know about it.
 #[derive(Clone, Debug)]
@@ -22,15 +23,40 @@ pub struct Frame {
     pub camera: Camera,
 }
 
-/// What a node does with frames.
-pub trait Processor: Send + 'static {
-    /// Works on a frame.
+impl Frame {
+    /// The frame that a pair of messages makes.
     ///
     /// # Errors
-    /// What went wrong; the next frame comes all the same.
-    fn process(&mut self, frame: &Frame) -> anyhow::Result<()>;
+    /// [`DecodeError`] that says which image is at fault.
+    pub fn decode(raw: &RawFrame) -> Result<Self, DecodeError> {
+        Ok(Self { images: raw.decode()?, frame_id: raw.frame_id().to_owned(), camera: raw.camera })
+    }
+}
 
-    /// No more frames will come.
+/// Something to work on.
+pub trait Job: Send + 'static {
+    /// Stamp of the colour image.
+    fn stamp(&self) -> Stamp;
+}
+
+impl Job for RawFrame {
+    fn stamp(&self) -> Stamp {
+        Self::stamp(self)
+    }
+}
+
+/// What a thread does with its jobs.
+pub trait Processor: Send + 'static {
+    /// What it works on.
+    type Job: Job;
+
+    /// Works on one.
+    ///
+    /// # Errors
+    /// What went wrong; the next one comes all the same.
+    fn process(&mut self, job: Self::Job) -> anyhow::Result<()>;
+
+    /// No more will come.
     ///
     /// # Errors
     /// What could not be written.
@@ -97,47 +123,58 @@ impl Health {
     }
 }
 
-/// A running worker.
+/// A running thread.
 pub struct Worker {
     thread: JoinHandle<anyhow::Result<()>>,
-    input: Arc<CameraInput>,
 }
 
 impl Worker {
-    /// Starts the thread.
+    /// Starts a thread that works on what `next` hands out, until that is `None`. When the thread ends, if only because it crashed,
+    /// `ended` is notified: a node that cannot work must not look alive.
     ///
     /// # Errors
     /// When the system has no thread left.
-    pub fn start(
+    pub fn start<P: Processor>(
         name: &str,
-        input: Arc<CameraInput>,
-        health: Health,
-        clock: Clock,
-        processor: impl Processor,
+        next: impl FnMut() -> Option<P::Job> + Send + 'static,
+        (health, clock, ended): (Health, Clock, Arc<Notify>),
+        processor: P,
     ) -> anyhow::Result<Self> {
-        let frames = input.clone();
-        let body = move || work(&frames, &health, &clock, processor);
-        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(body)?;
-        Ok(Self { thread, input })
+        let guard = NotifyOnDrop(ended);
+        let body = move || {
+            let _guard = guard;
+            work(next, &health, &clock, processor)
+        };
+        Ok(Self { thread: std::thread::Builder::new().name(name.to_owned()).spawn(body)? })
     }
 
-    /// Lets the worker finish what waits, and waits for it.
+    /// Waits until the thread has worked off what waits; its source must have ended.
     ///
     /// # Errors
     /// What the processor could not finish, or that it crashed.
     pub fn finish(self) -> anyhow::Result<()> {
-        self.input.slot.close();
         self.thread.join().map_err(|_| anyhow::anyhow!("the worker crashed"))?
     }
 }
 
-fn work(input: &CameraInput, health: &Health, clock: &Clock, mut processor: impl Processor) -> anyhow::Result<()> {
+struct NotifyOnDrop(Arc<Notify>);
+
+impl Drop for NotifyOnDrop {
+    fn drop(&mut self) {
+        self.0.notify_one();
+    }
+}
+
+fn work<P: Processor>(
+    mut next: impl FnMut() -> Option<P::Job>,
+    health: &Health,
+    clock: &Clock,
+    mut processor: P,
+) -> anyhow::Result<()> {
     let mut complaints = Throttle::default();
-    while let Some(raw) = input.slot.take() {
-        let start = Instant::now();
-        let (stamp, frame_id, camera) = (raw.stamp(), raw.frame_id().to_owned(), raw.camera);
-        let frame = raw.decode().map(|images| Frame { images, frame_id, camera });
-        let result = frame.map_err(anyhow::Error::from).and_then(|frame| processor.process(&frame));
+    while let Some(job) = next() {
+        let (start, stamp) = (Instant::now(), job.stamp());
+        let result = processor.process(job);
         if let Err(error) = &result
             && let Some(more) = complaints.pass()
         {
@@ -146,4 +183,59 @@ fn work(input: &CameraInput, health: &Health, clock: &Clock, mut processor: impl
         health.done(start, stamp, clock, result.as_ref().err());
     }
     processor.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Number(u32);
+
+    impl Job for Number {
+        fn stamp(&self) -> Stamp {
+            Stamp::from_nanos(i64::from(self.0))
+        }
+    }
+
+    /// Refuses odd numbers, breaks at 7.
+    struct Even;
+
+    impl Processor for Even {
+        type Job = Number;
+
+        fn process(&mut self, job: Number) -> anyhow::Result<()> {
+            assert_ne!(job.0, 7, "seven");
+            anyhow::ensure!(job.0 % 2 == 0, "{} is odd", job.0);
+            Ok(())
+        }
+
+        fn finish(&mut self) -> anyhow::Result<()> {
+            Ok(())
+        }
+    }
+
+    fn start(numbers: std::ops::Range<u32>) -> (Worker, Health, Arc<Notify>) {
+        let (health, ended) = (Health::default(), Arc::new(Notify::new()));
+        let mut numbers = numbers.map(Number);
+        let tools = (health.clone(), Clock::new(false), ended.clone());
+        (Worker::start("numbers", move || numbers.next(), tools, Even).unwrap(), health, ended)
+    }
+
+    #[test]
+    fn an_error_is_counted_and_the_next_job_comes_all_the_same() {
+        let (worker, health, _) = start(0..5);
+        worker.finish().unwrap();
+        let status = health.status("work".into());
+        let value = |key: &str| status.values.iter().find(|v| v.key == key).unwrap().value.clone();
+        assert_eq!((value("frames"), value("errors")), ("5".into(), "2".into()));
+        assert_eq!(status.message, "3 is odd");
+    }
+
+    #[test]
+    fn a_crash_ends_the_node() {
+        let (worker, _, ended) = start(6..10);
+        let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+        runtime.block_on(ended.notified());
+        assert!(worker.finish().unwrap_err().to_string().contains("crashed"));
+    }
 }

@@ -149,10 +149,14 @@ pub struct ReplayConfig {
     /// How long to wait for them, seconds, before giving up with an error.
     #[schemars(range(min = 0.0, max = 3600.0))]
     pub wait_timeout: f64,
-    /// With `rate` 0: how long to wait until a frame has been worked on, seconds, before it is sent again.
+    /// With `rate` above 0: how many frames may be on their way before the replay waits for the nodes to catch up, so that a busy
+    /// machine loses none; 0 never waits, as a camera does not.
+    #[schemars(range(min = 0, max = 1000))]
+    pub max_ahead: u32,
+    /// How long to wait until a frame has been worked on, seconds, before it is sent again (`rate` 0) or given up (`max_ahead`).
     #[schemars(range(min = 0.01, max = 600.0))]
     pub acknowledge_timeout: f64,
-    /// With `rate` 0: topic whose messages, by their stamp, say that a frame has been worked on: `tracking_state`, `dynamic_mask`
+    /// Topic whose messages, by their stamp, say that a frame has been worked on: `tracking_state`, `dynamic_mask`
     /// or `auto` (the state where a tracker publishes it, otherwise the mask).
     pub acknowledge_topic: String,
     /// Reliability with which images are published.
@@ -181,6 +185,7 @@ impl Default for ReplayConfig {
             stamp_depth_as_rgb: true,
             wait_for_subscribers: 1,
             wait_timeout: 60.0,
+            max_ahead: 0,
             acknowledge_timeout: 10.0,
             acknowledge_topic: "auto".into(),
             qos: Reliability::Reliable,

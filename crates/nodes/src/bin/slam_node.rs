@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use pfd_slam_nodes::core::Kind;
+use pfd_slam_nodes::slam::Kind;
 
 fn main() -> ExitCode {
     pfd_slam_nodes::app::main(
