@@ -3,6 +3,7 @@
 usage: ros_rclpy_peer.py NODE RELIABILITY SECONDS
 """
 
+import array
 import json
 import os
 import sys
@@ -44,7 +45,7 @@ class Peer:
         rng = np.random.default_rng(7)
         blocks = rng.integers(0, 256, (HEIGHT // 8, 4 * WIDTH // 8, 3), dtype=np.uint8)
         self.wall = np.repeat(np.repeat(blocks, 8, 0), 8, 1)
-        self.depth_data = np.full((HEIGHT, WIDTH), 1000 * DEPTH, np.uint16).tobytes()
+        self.depth_data = array.array("B", np.full((HEIGHT, WIDTH), 1000 * DEPTH, np.uint16).tobytes())
 
     def subscribe(self):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -67,7 +68,8 @@ class Peer:
         stamp = self.node.get_clock().now().to_msg()
         shift = PIXELS_PER_FRAME * self.frame % (3 * WIDTH)
         rgb = Image(height=HEIGHT, width=WIDTH, encoding="bgr8", step=3 * WIDTH)
-        rgb.data = np.ascontiguousarray(self.wall[:, shift:shift + WIDTH]).tobytes()
+        # An array is taken as it is; of bytes rclpy would look at every one.
+        rgb.data = array.array("B", np.ascontiguousarray(self.wall[:, shift:shift + WIDTH]).tobytes())
         depth = Image(height=HEIGHT, width=WIDTH, encoding="16UC1", step=2 * WIDTH)
         depth.data = self.depth_data
         info = CameraInfo(height=HEIGHT, width=WIDTH, distortion_model="plumb_bob", d=[0.0] * 5)
@@ -96,14 +98,21 @@ class Peer:
         """Parameters, services, simulated time."""
         a = self.answers
         listed = self.call(ListParameters, "list_parameters", ListParameters.Request())
-        a["listed"] = len(listed.result.names) if listed else 0
-        names = ["mask_timeout", "qos"]
+        everything = list(listed.result.names) if listed else []
+        a["listed"] = everything
+        # Answers of many datagrams' size.
+        values = self.call(GetParameters, "get_parameters", GetParameters.Request(names=everything))
+        a["all_values"] = [v.type for v in values.values] if values else None
+        texts = self.call(DescribeParameters, "describe_parameters", DescribeParameters.Request(names=everything))
+        a["all_texts"] = [len(d.description) for d in texts.descriptors] if texts else None
+        names = ["mask_timeout", "qos", "segmentation.particles.count"]
         got = self.call(GetParameters, "get_parameters", GetParameters.Request(names=names))
-        a["got"] = [got.values[0].double_value, got.values[1].string_value] if got else None
+        a["got"] = [got.values[0].double_value, got.values[1].string_value, got.values[2].integer_value] if got else None
         described = self.call(DescribeParameters, "describe_parameters", DescribeParameters.Request(names=names))
         a["described"] = [[d.description, d.read_only, len(d.floating_point_range)] for d in described.descriptors] if described else None
-        double, boolean = ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_BOOL
+        double, boolean, integer = ParameterType.PARAMETER_DOUBLE, ParameterType.PARAMETER_BOOL, ParameterType.PARAMETER_INTEGER
         a["set_good"] = self.set("mask_timeout", type=double, double_value=0.3)
+        a["set_running"] = self.set("segmentation.particles.count", type=integer, integer_value=700)
         a["set_bad"] = self.set("mask_timeout", type=double, double_value=-1.0)
         a["pause"] = bool(self.call(Trigger, "pause", Trigger.Request()))
         a["resume"] = bool(self.call(Trigger, "resume", Trigger.Request()))

@@ -1,5 +1,6 @@
 //! Shared helpers of the cross-crate tests.
 
+pub mod domain;
 pub mod programs;
 
 use std::path::{Path, PathBuf};

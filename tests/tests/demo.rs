@@ -18,6 +18,7 @@ use pfd_ros::messages::sensor::{CameraInfo, Image, PointCloud2};
 use pfd_ros::messages::standard::Clock;
 use pfd_ros::messages::visualization::MarkerArray;
 use pfd_ros::{Arguments, Names, Node, Qos, RosError, Setup};
+use pfd_tests::domain::Domain;
 use pfd_tests::repository;
 use tokio::sync::Notify;
 
@@ -72,10 +73,10 @@ fn the_demo_tracks_and_every_topic_carries_data() {
     let arguments = Arguments::parse(["--ros-args".to_owned()]).unwrap();
     let names = Names::new(&arguments, "demo_listener").unwrap();
     let mut setup = Setup::new(&arguments, names, "loopback", false).unwrap();
-    // A domain of its own; high ones are left to the system's ephemeral ports.
-    setup.domain = 10 + (std::process::id() % 90) as u16;
+    let reserved = Domain::reserve().unwrap();
+    setup.domain = reserved.id();
     let (counts, done) = (Counts::default(), Arc::new(Notify::new()));
-    let domain = setup.domain.to_string();
+    let domain = reserved.to_string();
     let demo = || {
         let mut command = Command::new(repository().join("launch_scripts/demo.sh"));
         command.args(["--rate", "0", "--out"]).arg(out.path()).env("ROS_DOMAIN_ID", &domain);

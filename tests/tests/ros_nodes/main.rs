@@ -3,4 +3,5 @@
 
 mod peers;
 mod processes;
+mod recovery;
 mod support;

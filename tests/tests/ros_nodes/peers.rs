@@ -1,17 +1,18 @@
 //! The nodes beside real peers: rclpy on Fast DDS, and Cyclone DDS. Skipped where the peers are not installed.
 
-use crate::support::{Node, domain, peer_python, run_peer};
+use crate::support::{Node, own_messages, peer_python, replay, run_peer, slam};
+use pfd_tests::domain::Domain;
 use serde_json::Value;
 
 /// How long the peers' cameras run, seconds.
 const SECONDS: &str = "10";
 
-fn check_rclpy(reliability: &str, test: u32) {
+fn check_rclpy(reliability: &str) {
     let Some(python) = peer_python("jazzy") else { return };
-    let (folder, domain) = (tempfile::tempdir().unwrap(), domain(test));
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
     // A machine that builds and tests at the same time is slower than the camera: the newest image counts.
     let mut node = Node::start("slam_node", &domain, folder.path(), &[]).unwrap();
-    let report = run_peer(&python, "ros_rclpy_peer.py", &domain, &["slam_node", reliability, SECONDS]).unwrap();
+    let report = run_peer(&python, "ros_rclpy_peer.py", &domain, &["slam_node", reliability, SECONDS], &[]).unwrap();
     node.stop("INT").unwrap();
     for topic in
         ["pose", "odometry", "path", "map_points", "keyframes", "dynamic_mask", "overlay", "/diagnostics", "/rosout"]
@@ -39,15 +40,22 @@ fn check_graph(report: &Value) {
 }
 
 fn check_parameters(report: &Value) {
-    assert!(report["listed"].as_u64().unwrap() > 50, "{report}");
-    assert_eq!(report["got"], serde_json::json!([0.2, "best_effort"]), "{report}");
+    let listed = report["listed"].as_array().unwrap().len();
+    assert!(
+        listed > 50 && report["listed"].as_array().unwrap().iter().any(|n| n == "segmentation.particles.count"),
+        "{report}"
+    );
+    assert_eq!(report["all_values"].as_array().map(Vec::len), Some(listed), "{report}");
+    let texts = report["all_texts"].as_array().unwrap();
+    assert!(texts.len() == listed && texts.iter().all(|length| length.as_u64() > Some(0)), "{report}");
+    assert_eq!(report["got"], serde_json::json!([0.2, "best_effort", 1000]), "{report}");
     assert!(report["described"][0][0].as_str().unwrap().contains("seconds"), "{report}");
     assert_eq!(
         (&report["described"][0][1], &report["described"][1][1]),
         (&false.into(), &true.into()),
         "read-only: {report}"
     );
-    assert_eq!(report["set_good"][0], true, "{report}");
+    assert!(report["set_good"][0] == true && report["set_running"][0] == true, "{report}");
     assert_eq!(report["set_bad"][0], false, "{report}");
     assert!(report["set_bad"][1].as_str().unwrap().contains("out of range"), "{report}");
 }
@@ -62,20 +70,20 @@ fn check_motion(report: &Value) {
 
 #[test]
 fn rclpy_best_effort() {
-    check_rclpy("BEST_EFFORT", 6);
+    check_rclpy("BEST_EFFORT");
 }
 
 #[test]
 fn rclpy_reliable() {
-    check_rclpy("RELIABLE", 7);
+    check_rclpy("RELIABLE");
 }
 
 #[test]
 fn cyclone_camera_and_transforms() {
     let Some(python) = peer_python("cyclone") else { return };
-    let (folder, domain) = (tempfile::tempdir().unwrap(), domain(8));
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
     let mut node = Node::start("slam_node", &domain, folder.path(), &[]).unwrap();
-    let report = run_peer(&python, "ros_cyclone_peer.py", &domain, &[SECONDS]).unwrap();
+    let report = run_peer(&python, "ros_cyclone_peer.py", &domain, &[SECONDS], &[]).unwrap();
     node.stop("INT").unwrap();
     assert!(report["poses"].as_u64().unwrap() > 10, "{report}\n{}", node.log());
     let frames = &report["transforms"];
@@ -83,4 +91,23 @@ fn cyclone_camera_and_transforms() {
     assert!(frames["odom->camera_link"].as_u64().unwrap_or(0) > 10, "the base comes from /tf_static: {report}");
     let mask = report["mask"].as_array().unwrap();
     assert_eq!((&mask[0], &mask[1], &mask[2]), (&640.into(), &480.into(), &"mono8".into()), "{report}");
+}
+
+#[test]
+fn rclpy_reads_our_own_messages() {
+    let (Some(python), Some(environment)) = (peer_python("jazzy"), own_messages()) else { return };
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    let mut node = slam("slam_node", &domain, folder.path());
+    let mut replay = replay(&domain, folder.path(), 1, &["-p", "loop:=true"]);
+    let saved = folder.path().join("saved.txt");
+    let args = ["slam_node", saved.to_str().unwrap()];
+    let report = run_peer(&python, "ros_own_messages.py", &domain, &args, &environment).unwrap();
+    replay.stop("INT").unwrap();
+    node.stop("INT").unwrap();
+    assert!(report["states"].as_u64().unwrap() >= 20 && report["regions"].as_u64().unwrap() >= 20, "{report}");
+    assert_eq!(report["state"], report["ok"], "{report}");
+    assert!(report["features"].as_u64().unwrap() > 0 && report["stages"].as_array().unwrap().len() > 1, "{report}");
+    assert!(report["mask_used"] == true && report["boxes_fit"] == true, "{report}");
+    assert_eq!(report["saved"][0], true, "{report}");
+    assert!(std::fs::read_to_string(saved).unwrap().lines().count() > 1, "{report}");
 }

@@ -2,32 +2,10 @@
 
 use std::path::Path;
 use std::process::Command;
-use std::time::Duration;
 
-use crate::support::{Node, domain};
-use pfd_tests::{bundled_sequence, programs, repository};
-
-const PATIENCE: Duration = Duration::from_secs(180);
-
-fn parameters() -> String {
-    repository().join("config/replay.yaml").display().to_string()
-}
-
-/// Replays the first seconds of the bundled sequence, lossless.
-fn replay(domain: &str, folder: &Path, subscribers: u32, more: &[&str]) -> Node {
-    let sequence = format!("sequence:={}", bundled_sequence().display());
-    let wait = format!("wait_for_subscribers:={subscribers}");
-    let file = parameters();
-    let mut args = vec!["--params-file", &file, "-p", &sequence, "-p", "rate:=0.0", "-p", &wait];
-    args.extend(more);
-    Node::start("bag_replay_node", domain, folder, &args).unwrap()
-}
-
-fn slam(name: &str, domain: &str, folder: &Path) -> Node {
-    let trajectory = format!("trajectory_file:={}", folder.join("trajectory.txt").display());
-    let frames = format!("frames_file:={}", folder.join(format!("{name}.csv")).display());
-    Node::start(name, domain, folder, &["--params-file", &parameters(), "-p", &trajectory, "-p", &frames]).unwrap()
-}
+use crate::support::{Node, PATIENCE, replay, slam};
+use pfd_tests::domain::Domain;
+use pfd_tests::{bundled_sequence, programs};
 
 fn lines(path: &Path) -> usize {
     std::fs::read_to_string(path).unwrap().lines().count()
@@ -40,7 +18,7 @@ fn separate_nodes_composed_node_and_offline_give_the_same_trajectory() {
     let mut trajectories = Vec::new();
     let mut frames = 0;
     for (i, nodes) in [&["slam_node"][..], &["segmentation_node", "tracking_node"]].into_iter().enumerate() {
-        let (domain, out) = (domain(i as u32), folder.path().join(i.to_string()));
+        let (domain, out) = (Domain::reserve().unwrap(), folder.path().join(i.to_string()));
         std::fs::create_dir_all(&out).unwrap();
         let mut running: Vec<Node> = nodes.iter().map(|name| slam(name, &domain, &out)).collect();
         let mut replay = replay(&domain, &out, nodes.len() as u32, &part);
@@ -68,36 +46,11 @@ fn separate_nodes_composed_node_and_offline_give_the_same_trajectory() {
 }
 
 #[test]
-fn a_suspended_node_joins_anew_and_goes_on() {
-    let folder = tempfile::tempdir().unwrap();
-    let domain = domain(2);
-    let mut node = slam("slam_node", &domain, folder.path());
-    let mut replay = replay(&domain, folder.path(), 1, &["-p", "duration:=3.0", "-p", "acknowledge_timeout:=5.0"]);
-    replay.wait_for("frames", PATIENCE).unwrap();
-    node.suspend_until("joining anew", Duration::from_secs(60)).unwrap();
-    assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), node.log());
-    node.stop("TERM").unwrap();
-}
-
-#[test]
-fn a_killed_node_is_replaced() {
-    let folder = tempfile::tempdir().unwrap();
-    let domain = domain(3);
-    let mut node = slam("slam_node", &domain, folder.path());
-    let mut replay = replay(&domain, folder.path(), 1, &["-p", "duration:=2.0", "-p", "acknowledge_timeout:=5.0"]);
-    replay.wait_for("frames", PATIENCE).unwrap();
-    node.signal("KILL").unwrap();
-    node.wait(PATIENCE).unwrap();
-    let mut second = slam("slam_node", &domain, folder.path());
-    assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), second.log());
-    second.stop("INT").unwrap();
-}
-
-#[test]
 fn mistakes_end_a_node_with_one_line_that_names_them() {
+    let domain = Domain::reserve().unwrap();
     let run = |name: &str, args: &[&str]| {
         let program = programs::binary(name).unwrap();
-        let output = Command::new(program).args(args).env("ROS_DOMAIN_ID", domain(4)).output().unwrap();
+        let output = Command::new(program).args(args).env("ROS_DOMAIN_ID", domain.to_string()).output().unwrap();
         (output.status.code(), String::from_utf8(output.stderr).unwrap())
     };
     for (name, args, code, expected) in [
@@ -119,7 +72,7 @@ fn mistakes_end_a_node_with_one_line_that_names_them() {
 #[test]
 fn a_replay_that_nobody_hears_says_so() {
     let folder = tempfile::tempdir().unwrap();
-    let mut replay = replay(&domain(5), folder.path(), 1, &["-p", "wait_timeout:=1.0"]);
+    let mut replay = replay(&Domain::reserve().unwrap(), folder.path(), 1, &["-p", "wait_timeout:=1.0"]);
     assert_eq!(replay.wait(PATIENCE).unwrap().code(), Some(1));
     assert!(replay.log().contains("wait_for_subscribers"), "{}", replay.log());
 }

@@ -6,16 +6,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 
-use pfd_tests::{programs, repository, skip};
+use pfd_tests::domain::Domain;
+use pfd_tests::{bundled_sequence, programs, repository, skip};
 
-/// A DDS domain for one test of this process: tests run in parallel, and others may run on the machine.
-pub(crate) fn domain(test: u32) -> String {
-    /// Ports of domains beyond it do not fit into 16 bits.
-    const DOMAINS: u32 = 232;
-    /// Low domains are those that people use.
-    const FIRST: u32 = 20;
-    (FIRST + (std::process::id() * 8 + test) % (DOMAINS - FIRST)).to_string()
-}
+/// How long anything may take on a machine that is busy with other things.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A node that is stopped when it is dropped.
 pub(crate) struct Node {
@@ -28,19 +23,45 @@ impl Node {
     ///
     /// # Errors
     /// When it cannot be built or started.
-    pub(crate) fn start(name: &str, domain: &str, folder: &Path, args: &[&str]) -> anyhow::Result<Self> {
-        let log = folder.join(format!("{name}.log"));
-        let output = std::fs::File::create(&log)?;
-        let child = Command::new(programs::binary(name)?)
-            .arg("--ros-args")
-            .args(args)
-            .env("ROS_DOMAIN_ID", domain)
+    pub(crate) fn start(name: &str, domain: &Domain, folder: &Path, args: &[&str]) -> anyhow::Result<Self> {
+        let mut command = Command::new(programs::binary(name)?);
+        command.arg("--ros-args").args(args);
+        Self::spawn(command, domain, &folder.join(format!("{name}.log")))
+    }
+
+    /// Starts a script of `tests/python` with a peer's Python; what it prints goes to `<folder>/<script>.log`.
+    ///
+    /// # Errors
+    /// When it cannot be started.
+    pub(crate) fn script(python: &Path, script: &str, domain: &Domain, folder: &Path) -> anyhow::Result<Self> {
+        let mut command = Command::new(python);
+        command.arg(repository().join("tests/python").join(script));
+        Self::spawn(command, domain, &folder.join(format!("{script}.log")))
+    }
+
+    fn spawn(mut command: Command, domain: &Domain, log: &Path) -> anyhow::Result<Self> {
+        let output = std::fs::File::create(log)?;
+        let child = command
+            .env("ROS_DOMAIN_ID", domain.to_string())
             .env_remove("ROS_AUTOMATIC_DISCOVERY_RANGE")
             .env_remove("ROS_LOCALHOST_ONLY")
             .stdin(Stdio::null())
+            .stdout(output.try_clone()?)
             .stderr(output)
             .spawn()?;
-        Ok(Self { child, log })
+        Ok(Self { child, log: log.to_owned() })
+    }
+
+    /// Memory that it has in use, bytes.
+    ///
+    /// # Errors
+    /// When the process is gone.
+    pub(crate) fn memory(&self) -> anyhow::Result<u64> {
+        let path = format!("/proc/{}/status", self.child.id());
+        let status = std::fs::read_to_string(&path).with_context(|| path.clone())?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).context("no VmRSS")?;
+        let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse().with_context(|| line.to_owned())?;
+        Ok(kilobytes * 1024)
     }
 
     /// Sends a signal, such as `INT`.
@@ -51,26 +72,6 @@ impl Node {
         let status = Command::new("kill").args([&format!("-{signal}"), &self.child.id().to_string()]).status()?;
         ensure!(status.success(), "kill -{signal} failed: {}", self.log());
         Ok(())
-    }
-
-    /// Suspends it and lets it go on until the log has a text. Once may not do: a suspension harms the middleware only while one of
-    /// its threads waits in the kernel.
-    ///
-    /// # Errors
-    /// When the text has not come in time or the process is gone.
-    pub(crate) fn suspend_until(&self, text: &str, timeout: Duration) -> anyhow::Result<()> {
-        /// More than the time in which the node looks after its middleware.
-        const NOTICE: Duration = Duration::from_secs(5);
-        let deadline = Instant::now() + timeout;
-        loop {
-            self.signal("STOP")?;
-            self.signal("CONT")?;
-            match self.wait_for(text, NOTICE) {
-                Err(error) if Instant::now() >= deadline => return Err(error),
-                Err(_) => {}
-                Ok(()) => return Ok(()),
-            }
-        }
     }
 
     /// Waits for the end of the process.
@@ -111,9 +112,22 @@ impl Node {
     /// # Errors
     /// When it has not in time.
     pub(crate) fn wait_for(&self, text: &str, timeout: Duration) -> anyhow::Result<()> {
+        self.wait_for_times(text, 1, timeout)
+    }
+
+    /// How often the log has a text.
+    pub(crate) fn count(&self, text: &str) -> usize {
+        self.log().matches(text).count()
+    }
+
+    /// Waits until the log has a text so many times.
+    ///
+    /// # Errors
+    /// When it has not in time.
+    pub(crate) fn wait_for_times(&self, text: &str, times: usize, timeout: Duration) -> anyhow::Result<()> {
         let deadline = Instant::now() + timeout;
-        while !self.log().contains(text) {
-            ensure!(Instant::now() < deadline, "no `{text}` after {timeout:?} in: {}", self.log());
+        while self.count(text) < times {
+            ensure!(Instant::now() < deadline, "`{text}` not {times} times after {timeout:?} in: {}", self.log());
             std::thread::sleep(Duration::from_millis(20));
         }
         Ok(())
@@ -128,11 +142,34 @@ impl Drop for Node {
     }
 }
 
-/// The Python of a ROS 2 or DDS installation for tests, made by `tests/python/ros_install_peers.sh`: below `$PFD_PEERS`, else
-/// below `target/peers`.
+pub(crate) fn parameters() -> String {
+    repository().join("config/replay.yaml").display().to_string()
+}
+
+/// Replays the first seconds of the bundled sequence, lossless.
+pub(crate) fn replay(domain: &Domain, folder: &Path, subscribers: u32, more: &[&str]) -> Node {
+    let sequence = format!("sequence:={}", bundled_sequence().display());
+    let wait = format!("wait_for_subscribers:={subscribers}");
+    let file = parameters();
+    let mut args = vec!["--params-file", &file, "-p", &sequence, "-p", "rate:=0.0", "-p", &wait];
+    args.extend(more);
+    Node::start("bag_replay_node", domain, folder, &args).unwrap()
+}
+
+pub(crate) fn slam(name: &str, domain: &Domain, folder: &Path) -> Node {
+    let trajectory = format!("trajectory_file:={}", folder.join("trajectory.txt").display());
+    let frames = format!("frames_file:={}", folder.join(format!("{name}.csv")).display());
+    Node::start(name, domain, folder, &["--params-file", &parameters(), "-p", &trajectory, "-p", &frames]).unwrap()
+}
+
+/// Where the peers of the tests are: `$PFD_PEERS`, else `target/peers`.
+fn peers() -> PathBuf {
+    std::env::var_os("PFD_PEERS").map_or_else(|| repository().join("target/peers"), PathBuf::from)
+}
+
+/// The Python of a ROS 2 or DDS installation for tests, made by `tests/python/ros_install_peers.sh`.
 pub(crate) fn peer_python(peer: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("PFD_PEERS").map_or_else(|| repository().join("target/peers"), PathBuf::from);
-    let python = root.join(peer).join("bin/python");
+    let python = peers().join(peer).join("bin/python");
     if !python.exists() {
         skip(&format!("no peer {} (tests/python/ros_install_peers.sh makes it)", python.display()));
         return None;
@@ -140,20 +177,38 @@ pub(crate) fn peer_python(peer: &str) -> Option<PathBuf> {
     Some(python)
 }
 
+/// Environment in which rclpy finds `pfd_slam_msgs`, made by `tests/python/ros_build_msgs.sh`.
+pub(crate) fn own_messages() -> Option<Vec<(&'static str, PathBuf)>> {
+    let prefix = peers().join("pfd_slam_msgs");
+    let packages = std::fs::read_dir(prefix.join("lib")).into_iter().flatten().flatten();
+    let Some(python) = packages.map(|e| e.path().join("site-packages")).find(|path| path.exists()) else {
+        skip(&format!("no {} (tests/python/ros_build_msgs.sh makes it)", prefix.display()));
+        return None;
+    };
+    Some(vec![("LD_LIBRARY_PATH", prefix.join("lib")), ("AMENT_PREFIX_PATH", prefix), ("PYTHONPATH", python)])
+}
+
 /// Runs a peer's script and reads the JSON that it prints.
 ///
 /// # Errors
 /// When it fails or prints something else.
-pub(crate) fn run_peer(python: &Path, script: &str, domain: &str, args: &[&str]) -> anyhow::Result<serde_json::Value> {
+pub(crate) fn run_peer(
+    python: &Path,
+    script: &str,
+    domain: &Domain,
+    args: &[&str],
+    environment: &[(&str, PathBuf)],
+) -> anyhow::Result<serde_json::Value> {
     let scripts = repository().join("tests/python");
     let profile = scripts.join("ros_fastdds.xml");
     let output = Command::new(python)
         .arg(scripts.join(script))
         .args(args)
-        .env("ROS_DOMAIN_ID", domain)
+        .env("ROS_DOMAIN_ID", domain.to_string())
         .envs([("ROS_DISTRO", "jazzy"), ("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")])
         .env("FASTDDS_DEFAULT_PROFILES_FILE", &profile)
         .env("FASTRTPS_DEFAULT_PROFILES_FILE", &profile)
+        .envs(environment.iter().map(|(name, value)| (name, value)))
         .output()?;
     let text = String::from_utf8_lossy(&output.stdout);
     let line = text.lines().last().with_context(|| String::from_utf8_lossy(&output.stderr).into_owned())?;

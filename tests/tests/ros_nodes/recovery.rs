@@ -1,0 +1,128 @@
+//! What happens to the others when a process is suspended, killed, or hangs.
+
+use std::path::Path;
+
+use crate::support::{Node, PATIENCE, peer_python, replay, slam};
+use pfd_tests::domain::Domain;
+
+/// A lossless replay that soon sends a frame again when nobody says to have worked on it.
+fn impatient_replay(domain: &Domain, folder: &Path, nodes: usize) -> Node {
+    replay(domain, folder, nodes as u32, &["-p", "duration:=2.0", "-p", "acknowledge_timeout:=8.0"])
+}
+
+/// What the replay says when a node does not answer.
+const SENT_AGAIN: &str = "sending it again";
+
+fn start(names: &[&str], domain: &Domain, folder: &Path) -> Vec<Node> {
+    names.iter().map(|name| slam(name, domain, folder)).collect()
+}
+
+fn logs(nodes: &[Node]) -> String {
+    nodes.iter().map(Node::log).collect()
+}
+
+/// Suspends one of the nodes until the replay misses it, and lets it go on.
+fn check_suspension(names: &[&str], suspended: usize) {
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    let mut nodes = start(names, &domain, folder.path());
+    let mut replay = impatient_replay(&domain, folder.path(), names.len());
+    replay.wait_for("frames", PATIENCE).unwrap();
+    nodes[suspended].signal("STOP").unwrap();
+    replay.wait_for(SENT_AGAIN, PATIENCE).unwrap();
+    nodes[suspended].signal("CONT").unwrap();
+    assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), logs(&nodes));
+    nodes.iter_mut().for_each(|node| node.stop("TERM").unwrap());
+}
+
+/// Kills one of the nodes and starts it anew.
+fn check_replacement(names: &[&str], killed: usize) {
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    let mut nodes = start(names, &domain, folder.path());
+    let mut replay = impatient_replay(&domain, folder.path(), names.len());
+    replay.wait_for("frames", PATIENCE).unwrap();
+    nodes[killed].signal("KILL").unwrap();
+    nodes[killed].wait(PATIENCE).unwrap();
+    nodes[killed] = slam(names[killed], &domain, folder.path());
+    assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), logs(&nodes));
+    nodes.iter_mut().for_each(|node| node.stop("INT").unwrap());
+}
+
+#[test]
+fn a_suspended_slam_node_goes_on() {
+    check_suspension(&["slam_node"], 0);
+}
+
+#[test]
+fn a_suspended_tracking_node_goes_on() {
+    check_suspension(&["segmentation_node", "tracking_node"], 1);
+}
+
+#[test]
+fn a_killed_slam_node_is_replaced() {
+    check_replacement(&["slam_node"], 0);
+}
+
+#[test]
+fn a_killed_segmentation_node_is_replaced() {
+    check_replacement(&["segmentation_node", "tracking_node"], 0);
+}
+
+#[test]
+fn a_killed_tracking_node_is_replaced() {
+    check_replacement(&["segmentation_node", "tracking_node"], 1);
+}
+
+#[test]
+fn a_suspended_segmentation_node_goes_on_and_tracking_does_not_wait_for_it() {
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    // Without `queue: all` tracking gives up on a mask after `mask_timeout`.
+    let mut segmentation = slam("segmentation_node", &domain, folder.path());
+    let live = ["--params-file", &crate::support::parameters(), "-p", "queue:=newest"];
+    let mut tracking = Node::start("tracking_node", &domain, folder.path(), &live).unwrap();
+    let mut replay = impatient_replay(&domain, folder.path(), 2);
+    replay.wait_for("frames", PATIENCE).unwrap();
+    segmentation.signal("STOP").unwrap();
+    tracking.wait_for("tracked without a mask", PATIENCE).unwrap();
+    segmentation.signal("CONT").unwrap();
+    assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), tracking.log());
+    segmentation.stop("TERM").unwrap();
+    tracking.stop("TERM").unwrap();
+}
+
+#[test]
+fn a_killed_camera_is_picked_up_again() {
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    let mut node = slam("slam_node", &domain, folder.path());
+    let mut first = impatient_replay(&domain, folder.path(), 1);
+    first.wait_for("frames", PATIENCE).unwrap();
+    first.signal("KILL").unwrap();
+    first.wait(PATIENCE).unwrap();
+    let mut second = impatient_replay(&domain, folder.path(), 1);
+    assert!(second.wait(PATIENCE).unwrap().success(), "{}\n{}", second.log(), node.log());
+    node.stop("INT").unwrap();
+}
+
+/// More than the node may keep for a subscriber that hangs (2 s of masks and overlays, 75 MB) and a map of 142 frames; far less
+/// than the overlays of three rounds.
+const MAX_GROWTH: u64 = 250 << 20;
+
+#[test]
+fn a_subscriber_that_hangs_harms_nobody() {
+    let Some(python) = peer_python("cyclone") else { return };
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    let fast = ["--params-file", &crate::support::parameters(), "-p", "mode:=none", "-p", "overlay_qos:=reliable"];
+    let mut node = Node::start("slam_node", &domain, folder.path(), &fast).unwrap();
+    let subscriber = Node::script(&python, "ros_hanging_subscriber.py", &domain, folder.path()).unwrap();
+    let mut replay = replay(&domain, folder.path(), 1, &["-p", "loop:=true"]);
+    subscriber.wait_for("mask", PATIENCE).unwrap();
+    subscriber.signal("STOP").unwrap();
+    let before = node.memory().unwrap();
+    replay.wait_for_times("again from the start", 3, PATIENCE).unwrap();
+    let after = node.memory().unwrap();
+    assert!(after < before + MAX_GROWTH, "{before} bytes grew to {after}: {}", node.log());
+    let received = subscriber.count("mask");
+    subscriber.signal("CONT").unwrap();
+    subscriber.wait_for_times("mask", received + 10, PATIENCE).unwrap();
+    replay.stop("INT").unwrap();
+    node.stop("INT").unwrap();
+}
