@@ -31,6 +31,8 @@ pub struct CameraHealth {
     pub tolerance: f64,
     /// Frames replaced by newer ones.
     pub dropped: u64,
+    /// Pairs and drops since the last look.
+    pub lately: (u64, u64),
 }
 
 impl CameraHealth {
@@ -85,7 +87,16 @@ impl CameraHealth {
                 format!("rgb and depth stamps differ by {offset:.4} s, tolerance {tolerance} s: {remedy}"),
             );
         }
-        (Level::Ok, "receiving".into())
+        match self.lately {
+            (_, 0) => (Level::Ok, "receiving".into()),
+            (pairs, dropped) => (
+                Level::Warn,
+                format!(
+                    "{dropped} of the last {pairs} frames were dropped: they come faster than they are worked on; lower the \
+                     camera's rate, or see what else runs"
+                ),
+            ),
+        }
     }
 }
 
@@ -118,7 +129,15 @@ mod tests {
 
     fn health(topics: Vec<TopicHealth>) -> CameraHealth {
         let counters = SyncCounters { pairs: 5, ..SyncCounters::default() };
-        CameraHealth { topics, camera_known: true, counters, offset: None, tolerance: 0.02, dropped: 0 }
+        CameraHealth {
+            topics,
+            camera_known: true,
+            counters,
+            offset: None,
+            tolerance: 0.02,
+            dropped: 0,
+            lately: (30, 0),
+        }
     }
 
     #[test]
@@ -137,5 +156,7 @@ mod tests {
         skewed.offset = Some(0.033);
         assert!(skewed.verdict().1.contains("differ by 0.0330 s"));
         assert_eq!(skewed.status("n").level, 2);
+        let slow = CameraHealth { lately: (30, 4), ..good };
+        assert!(slow.verdict().0 == Level::Warn && slow.verdict().1.starts_with("4 of the last 30 frames"));
     }
 }

@@ -139,6 +139,8 @@ struct State {
     camera: Option<Camera>,
     pending: VecDeque<(ColourMessage, DepthMessage, Instant)>,
     pending_dropped: u64,
+    /// Pairs and drops at the last look of the diagnostics.
+    last_look: (u64, u64),
     statistics: Vec<TopicStatistics>,
     graph: Option<Graph>,
     complaints: Throttle,
@@ -152,6 +154,7 @@ impl CameraInput {
             camera: fixed_camera,
             pending: VecDeque::new(),
             pending_dropped: 0,
+            last_look: (0, 0),
             statistics: Vec::new(),
             graph: None,
             complaints: Throttle::default(),
@@ -253,7 +256,9 @@ impl CameraInput {
 
     /// State of the camera's topics: what comes, what does not, and why.
     pub fn diagnostics(&self, node: &str) -> Vec<DiagnosticStatus> {
-        let state = self.lock();
+        let mut state = self.lock();
+        let counted = (state.synchronizer.counters().pairs, self.slot.dropped() + state.pending_dropped);
+        let before = std::mem::replace(&mut state.last_look, counted);
         let publishers = |topic: &str| state.graph.as_ref().map_or(0, |graph| graph.publishers(topic));
         let topics: Vec<_> = state
             .statistics
@@ -270,7 +275,8 @@ impl CameraInput {
             counters: state.synchronizer.counters(),
             offset: state.synchronizer.last_offset(),
             tolerance: self.config.sync_tolerance,
-            dropped: self.slot.dropped() + state.pending_dropped,
+            dropped: counted.1,
+            lately: (counted.0 - before.0, counted.1 - before.1),
         };
         drop(state);
         vec![health.status(node)]
