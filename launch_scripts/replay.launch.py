@@ -22,7 +22,7 @@ def generate_launch_description():
         package="pfd_slam",
         executable="bag_replay_node",
         namespace=LaunchConfiguration("namespace"),
-        parameters=[{
+        parameters=[LaunchConfiguration("params_file"), {
             "sequence": LaunchConfiguration("sequence"),
             "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
         }],

@@ -205,7 +205,7 @@ mod tests {
 
         fn process(&mut self, job: Number) -> anyhow::Result<()> {
             assert_ne!(job.0, 7, "seven");
-            anyhow::ensure!(job.0 % 2 == 0, "{} is odd", job.0);
+            anyhow::ensure!(job.0.is_multiple_of(2), "{} is odd", job.0);
             Ok(())
         }
 

@@ -36,7 +36,7 @@ impl Node {
     /// # Errors
     /// [`RosError`] when the environment makes no sense or the network is not there.
     pub fn open(setup: &Setup) -> Result<Self, RosError> {
-        let watchdog = Watchdog::new();
+        let watchdog = Watchdog::start();
         let participant = network::join(setup.domain, &setup.networks)?;
         let failed = |reason: String| RosError::Participant { domain: setup.domain, reason };
         let context = Context::from_domain_participant(participant.clone()).map_err(|e| failed(e.to_string()))?;

@@ -25,7 +25,7 @@ pub struct Watchdog {
 
 impl Watchdog {
     /// To be made before the participant, whose threads are those that come later.
-    pub fn new() -> Self {
+    pub fn start() -> Self {
         Self { before: middleware_threads(), watched: BTreeSet::new(), deadline: Instant::now() + STARTUP }
     }
 
@@ -76,11 +76,11 @@ mod tests {
     // One test, as threads of parallel tests would be taken for the middleware's.
     #[test]
     fn a_thread_that_ends_or_never_shows_up_is_noticed() {
-        let mut watchdog = Watchdog::new();
+        let mut watchdog = Watchdog::start();
         let (stop, event_loop) = thread("RustDDS Participant 7 event loop");
         let (_run, _discovery) = thread("RustDDS discovery");
         assert!(!watchdog.is_dead());
-        let mut late = Watchdog::new();
+        let mut late = Watchdog::start();
         drop(stop);
         event_loop.join().unwrap();
         assert!(watchdog.is_dead());

@@ -52,14 +52,14 @@ impl Node {
         Ok(Self { child, log: log.to_owned() })
     }
 
-    /// Memory that it has in use, bytes.
+    /// The most memory that it had in use, bytes.
     ///
     /// # Errors
     /// When the process is gone.
-    pub(crate) fn memory(&self) -> anyhow::Result<u64> {
+    pub(crate) fn peak_memory(&self) -> anyhow::Result<u64> {
         let path = format!("/proc/{}/status", self.child.id());
         let status = std::fs::read_to_string(&path).with_context(|| path.clone())?;
-        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).context("no VmRSS")?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).context("no VmHWM")?;
         let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse().with_context(|| line.to_owned())?;
         Ok(kilobytes * 1024)
     }
