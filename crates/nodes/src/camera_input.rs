@@ -147,8 +147,8 @@ struct State {
 }
 
 impl CameraInput {
-    /// An input that is not connected yet.
-    pub fn new(config: &NodeConfig, fixed_camera: Option<Camera>) -> Arc<Self> {
+    /// An input that is not connected yet. Unless all frames are to be kept, the `newest` wait.
+    pub fn new(config: &NodeConfig, fixed_camera: Option<Camera>, newest: usize) -> Arc<Self> {
         let state = State {
             synchronizer: Synchronizer::new(config.sync_tolerance),
             camera: fixed_camera,
@@ -159,7 +159,7 @@ impl CameraInput {
             graph: None,
             complaints: Throttle::default(),
         };
-        let slot = Slot::new(config.queue);
+        let slot = Slot::new(config.queue, newest);
         Arc::new(Self { state: Mutex::new(state), slot, config: config.clone(), fixed_camera })
     }
 

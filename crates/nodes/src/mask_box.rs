@@ -6,8 +6,21 @@ use std::time::{Duration, Instant};
 
 use pfd_geometry::{Mask, Stamp};
 
+use crate::settings::is_set_back;
+
 /// Masks that may wait for their images.
 const MAX_WAITING: usize = 32;
+
+/// What became of the mask of an image.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Taken {
+    /// Here it is.
+    Mask(Mask),
+    /// It will not come: a later one is there.
+    PassedOver,
+    /// It has not come in time.
+    Missing,
+}
 
 /// Where masks wait.
 #[derive(Debug, Default)]
@@ -17,9 +30,12 @@ pub struct MaskBox {
 }
 
 impl MaskBox {
-    /// Puts a mask in; the oldest goes when there are too many.
+    /// Puts a mask in; the oldest goes when there are too many, and all go when time was set back.
     pub fn put(&self, stamp: Stamp, mask: Mask) {
         let mut masks = self.lock();
+        if masks.keys().next_back().is_some_and(|&newest| is_set_back(newest, stamp)) {
+            masks.clear();
+        }
         masks.insert(stamp, mask);
         while masks.len() > MAX_WAITING {
             masks.pop_first();
@@ -27,20 +43,21 @@ impl MaskBox {
         self.arrived.notify_all();
     }
 
-    /// The mask of the image with `stamp`, for which it waits up to `timeout`, but not when a later mask is there: then this one
-    /// was skipped. Older masks are forgotten.
-    pub fn take(&self, stamp: Stamp, timeout: Duration) -> Option<Mask> {
+    /// The mask of the image with `stamp`, for which it waits up to `timeout`. Older masks are forgotten.
+    pub fn take(&self, stamp: Stamp, timeout: Duration) -> Taken {
         let deadline = Instant::now() + timeout;
         let mut masks = self.lock();
         loop {
             if let Some(mask) = masks.remove(&stamp) {
                 *masks = masks.split_off(&stamp);
-                return Some(mask);
+                return Taken::Mask(mask);
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            let was_skipped = masks.keys().next_back().is_some_and(|&newest| newest > stamp);
-            if was_skipped || left.is_zero() {
-                return None;
+            if masks.keys().next_back().is_some_and(|&newest| newest > stamp) {
+                return Taken::PassedOver;
+            }
+            if left.is_zero() {
+                return Taken::Missing;
             }
             masks = self.arrived.wait_timeout(masks, left).unwrap_or_else(PoisonError::into_inner).0;
         }
@@ -69,9 +86,9 @@ mod tests {
     fn stamps_must_be_equal() {
         let masks = MaskBox::default();
         masks.put(at(5), Mask::empty(1, 1));
-        assert_eq!(masks.take(at(6), Duration::ZERO), None);
-        assert_eq!(masks.take(at(5), Duration::ZERO), Some(Mask::empty(1, 1)));
-        assert_eq!(masks.take(at(5), Duration::ZERO), None);
+        assert_eq!(masks.take(at(6), Duration::ZERO), Taken::Missing);
+        assert_eq!(masks.take(at(5), Duration::ZERO), Taken::Mask(Mask::empty(1, 1)));
+        assert_eq!(masks.take(at(5), Duration::ZERO), Taken::Missing);
     }
 
     #[test]
@@ -79,8 +96,17 @@ mod tests {
         let masks = MaskBox::default();
         masks.put(at(7), Mask::empty(1, 1));
         let start = Instant::now();
-        assert_eq!(masks.take(at(6), Duration::from_secs(60)), None);
+        assert_eq!(masks.take(at(6), Duration::from_secs(60)), Taken::PassedOver);
         assert!(start.elapsed() < Duration::from_secs(30));
+    }
+
+    #[test]
+    fn masks_from_before_time_was_set_back_do_not_count() {
+        let masks = MaskBox::default();
+        masks.put(at(9_000_000_000), Mask::empty(1, 1));
+        masks.put(at(5), Mask::empty(1, 1));
+        assert_eq!(masks.take(at(4), Duration::ZERO), Taken::PassedOver);
+        assert_eq!(masks.take(at(6), Duration::ZERO), Taken::Missing);
     }
 
     #[test]
@@ -91,6 +117,6 @@ mod tests {
             move || masks.take(at(3), Duration::from_secs(60))
         });
         masks.put(at(3), Mask::empty(2, 1));
-        assert_eq!(waiting.join().unwrap(), Some(Mask::empty(2, 1)));
+        assert_eq!(waiting.join().unwrap(), Taken::Mask(Mask::empty(2, 1)));
     }
 }

@@ -3,13 +3,13 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use pfd_geometry::{Mask, Stamp};
+use pfd_geometry::Stamp;
 use pfd_parameters::Queue;
 use pfd_ros::convert::mask_from_image;
 use pfd_ros::messages::sensor::Image;
 use pfd_ros::{Graph, Node, Qos, RosError, Throttle};
 
-use crate::mask_box::MaskBox;
+use crate::mask_box::{MaskBox, Taken};
 
 /// How long to wait for the mask of an image when nothing is to be lost.
 const LOSSLESS_TIMEOUT: Duration = Duration::from_secs(10);
@@ -52,7 +52,7 @@ impl MaskInput {
     }
 
     /// The mask of the image with `stamp`; waits up to `timeout` (longer when nothing is to be lost) if somebody publishes masks.
-    pub fn take(&self, stamp: Stamp, timeout: Duration) -> Option<Mask> {
+    pub fn take(&self, stamp: Stamp, timeout: Duration) -> Taken {
         let timeout = if self.queue == Queue::All { timeout.max(LOSSLESS_TIMEOUT) } else { timeout };
         let started = *self.started.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
         let patience =

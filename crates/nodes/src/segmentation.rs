@@ -19,7 +19,7 @@ use crate::overlay;
 use crate::recorder::{FrameRecord, Recorder};
 use crate::segmentation_stage::SegmentationStage;
 use crate::settings::is_changeable_in_segmentation;
-use crate::startup::Startup;
+use crate::startup::{NEWEST, Startup};
 use crate::worker::{Frame, Health, Processor, Worker};
 
 /// Publishers of what the segmentation found.
@@ -126,7 +126,7 @@ impl Processor for SegmentationProcessor {
 /// # Errors
 /// When parameters, network or files are at fault.
 pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
-    let start = Startup::new(args, names, is_changeable_in_segmentation)?;
+    let start = Startup::new(args, names, is_changeable_in_segmentation, NEWEST)?;
     let (output, health) = (Arc::new(Outlet::default()), Health::default());
     let (tools, recorder) = (start.tools(&health), start.recorder()?);
     let stage = SegmentationStage::new(start.settings, output.clone(), health.clone());

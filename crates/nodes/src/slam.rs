@@ -24,7 +24,7 @@ use crate::segmentation::MaskOutput;
 use crate::segmentation_stage::SegmentationStage;
 use crate::settings::{is_changeable_in_slam, is_changeable_in_tracking};
 use crate::slam_processor::{Parts, SlamProcessor, TrackingJob};
-use crate::startup::Startup;
+use crate::startup::{NEWEST, Startup};
 use crate::tracking_output::TrackingOutput;
 use crate::worker::{Health, Worker};
 
@@ -42,6 +42,16 @@ impl Kind {
         match self {
             Self::Tracking => is_changeable_in_tracking,
             Self::Composed => is_changeable_in_slam,
+        }
+    }
+
+    /// How many frames of a live camera may wait. Tracking has those at hand whose masks are being made.
+    fn waiting(self) -> usize {
+        /// At 30 Hz, for masks that take up to 130 ms.
+        const BEHIND_MASKS: usize = 4;
+        match self {
+            Self::Tracking => BEHIND_MASKS,
+            Self::Composed => NEWEST,
         }
     }
 }
@@ -91,7 +101,7 @@ pub struct Outlets {
 /// # Errors
 /// When parameters, network or files are at fault.
 pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
-    let start = Startup::new(args, names, kind.is_changeable())?;
+    let start = Startup::new(args, names, kind.is_changeable(), kind.waiting())?;
     let (shared, outlets) = (Arc::new(Shared::default()), Outlets::default());
     let masks = Arc::new(MaskInput::new(start.config.queue));
     let (workers, works) = start_workers(kind, &start, &shared, &masks, &outlets)?;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use pfd_geometry::{Camera, Mask, Stamp};
-use pfd_parameters::NodeConfig;
+use pfd_parameters::{NodeConfig, Queue};
 use pfd_pipeline::SlamConfig;
 use pfd_ros::Throttle;
 use pfd_ros::diagnostics::Level;
@@ -14,6 +14,7 @@ use pfd_segmentation::{Mode, Segmentation};
 use pfd_tracking::{TrackedFrame, Tracker, TrackingState};
 
 use crate::camera_input::RawFrame;
+use crate::mask_box::Taken;
 use crate::mask_input::MaskInput;
 use crate::outlet::Outlet;
 use crate::recorder::{FrameRecord, Recorder};
@@ -98,7 +99,16 @@ pub struct SlamProcessor {
     last_stamp: Option<Stamp>,
     last_map: Option<Instant>,
     missing_masks: u64,
+    passed_over: u64,
     complaints: Throttle,
+}
+
+/// What to do about the mask of another node.
+enum Received {
+    /// Track the frame, with a mask if there is one.
+    Track(Option<Mask>),
+    /// Leave the frame out.
+    PassOver,
 }
 
 impl SlamProcessor {
@@ -114,6 +124,7 @@ impl SlamProcessor {
             last_stamp: None,
             last_map: None,
             missing_masks: 0,
+            passed_over: 0,
             complaints: Throttle::default(),
         }
     }
@@ -149,7 +160,9 @@ impl SlamProcessor {
     fn work(&mut self, frame: &Frame, segmented: Option<Segmented>) -> anyhow::Result<()> {
         let settings = self.settings.get();
         self.prepare(frame, &settings.slam)?;
-        let received = self.mask(frame.images.stamp(), &settings.node, settings.slam.mode);
+        let Received::Track(received) = self.mask(frame.images.stamp(), &settings.node, settings.slam.mode) else {
+            return Ok(());
+        };
         let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
         let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here))?;
         let outcome = Outcome { segmented, tracked, tracking_ms };
@@ -159,24 +172,32 @@ impl SlamProcessor {
         self.record(&outcome, mask)
     }
 
-    /// The mask from the other node; without masks tracking goes on and says so.
-    fn mask(&mut self, stamp: Stamp, config: &NodeConfig, mode: Mode) -> Option<Mask> {
+    /// The mask from the other node. A live camera's frame that segmentation passed over is passed over here as well: so both work
+    /// on the same frames, and what moves stays out of the map.
+    fn mask(&mut self, stamp: Stamp, config: &NodeConfig, mode: Mode) -> Received {
         if self.kind == Kind::Composed || mode == Mode::None {
-            return None;
+            return Received::Track(None);
         }
-        let mask = self.parts.masks.take(stamp, Duration::from_secs_f64(config.mask_timeout));
-        if mask.is_none() {
-            self.missing_masks += 1;
-            if let Some(more) = self.complaints.pass() {
-                let why = if self.parts.masks.is_published() {
-                    "it came too late (mask_timeout)"
-                } else {
-                    "nobody publishes masks"
-                };
-                tracing::warn!("frame {stamp} is tracked without a mask: {why} ({more} more like it)");
+        match self.parts.masks.take(stamp, Duration::from_secs_f64(config.mask_timeout)) {
+            Taken::Mask(mask) => Received::Track(Some(mask)),
+            Taken::PassedOver if config.queue == Queue::Newest => {
+                self.passed_over += 1;
+                Received::PassOver
+            }
+            Taken::PassedOver | Taken::Missing => {
+                self.complain_about_mask(stamp);
+                Received::Track(None)
             }
         }
-        mask
+    }
+
+    /// Without a mask tracking goes on and says so.
+    fn complain_about_mask(&mut self, stamp: Stamp) {
+        self.missing_masks += 1;
+        let Some(more) = self.complaints.pass() else { return };
+        let is_late = self.parts.masks.is_published();
+        let why = if is_late { "it came too late (mask_timeout)" } else { "nobody publishes masks" };
+        tracing::warn!("frame {stamp} is tracked without a mask: {why} ({more} more like it)");
     }
 
     fn publish(&mut self, frame: &Frame, outcome: &Outcome, mask: Option<&Mask>, config: &NodeConfig) {
@@ -232,6 +253,7 @@ impl SlamProcessor {
             ("keyframes", t.keyframes.to_string()),
             ("map points", t.map_points.to_string()),
             ("frames without a mask", self.missing_masks.to_string()),
+            ("frames that segmentation passed over", self.passed_over.to_string()),
         ];
         values.extend(t.timing.0.iter().map(|(stage, ms)| (*stage, format!("{ms:.2} ms"))));
         self.parts.health.report(level, message, values);

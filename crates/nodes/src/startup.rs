@@ -11,6 +11,9 @@ use crate::recorder::Recorder;
 use crate::settings::{LiveSettings, Settings};
 use crate::worker::Health;
 
+/// One frame waits where a newer one is worth more.
+pub const NEWEST: usize = 1;
+
 /// The parts that do not depend on what the node does with the frames.
 pub struct Startup {
     /// Parameters of the node, as they were at the start.
@@ -28,15 +31,16 @@ pub struct Startup {
 }
 
 impl Startup {
-    /// Reads the parameters; `changeable` says which parameters take effect while the node runs.
+    /// Reads the parameters; `changeable` says which parameters take effect while the node runs, `waiting` how many frames of a
+    /// live camera may wait.
     ///
     /// # Errors
     /// When parameters, or environment are at fault.
-    pub fn new(args: &Arguments, names: Names, changeable: fn(&str) -> bool) -> anyhow::Result<Self> {
+    pub fn new(args: &Arguments, names: Names, changeable: fn(&str) -> bool, waiting: usize) -> anyhow::Result<Self> {
         let settings = Settings::read(args, &names)?;
         let config = settings.node.clone();
         let setup = Setup::new(args, names, &config.network, config.use_sim_time)?;
-        let input = CameraInput::new(&config, settings.camera()?);
+        let input = CameraInput::new(&config, settings.camera()?, waiting);
         let settings = LiveSettings::new(settings);
         let parameters = settings.server(setup.clock.clone(), changeable);
         Ok(Self { config, setup, input, settings, parameters, ended: Arc::new(Notify::new()) })

@@ -24,10 +24,10 @@ struct State<T> {
 }
 
 impl<T> Slot<T> {
-    /// A queue that keeps the newest item, or all of them.
-    pub fn new(queue: Queue) -> Self {
+    /// A queue that keeps the `newest` items, or all of them.
+    pub fn new(queue: Queue, newest: usize) -> Self {
         let capacity = match queue {
-            Queue::Newest => 1,
+            Queue::Newest => newest.max(1),
             Queue::All => MAX_WAITING,
         };
         let state = State { items: VecDeque::new(), dropped: 0, closed: false };
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn newest_wins_and_drops_are_counted() {
-        let slot = Slot::new(Queue::Newest);
+        let slot = Slot::new(Queue::Newest, 1);
         (1..=3).for_each(|i| slot.put(i));
         slot.close();
         assert_eq!((slot.take(), slot.take(), slot.dropped()), (Some(3), None, 2));
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn all_keeps_the_order_up_to_the_bound() {
-        let slot = Slot::new(Queue::All);
+        let slot = Slot::new(Queue::All, 1);
         (0..MAX_WAITING + 2).for_each(|i| slot.put(i));
         slot.close();
         let taken: Vec<usize> = std::iter::from_fn(|| slot.take()).collect();
@@ -100,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_waiting_worker_is_woken() {
-        let slot = std::sync::Arc::new(Slot::new(Queue::Newest));
+        let slot = std::sync::Arc::new(Slot::new(Queue::Newest, 1));
         let worker = std::thread::spawn({
             let slot = slot.clone();
             move || slot.take()
