@@ -125,9 +125,6 @@ fn a_subscriber_that_hangs_harms_nobody() {
     replay.wait_for_times("again from the start", 4, PATIENCE).unwrap();
     let after = node.peak_memory().unwrap();
     assert!(after < before + MAX_GROWTH, "{before} bytes grew to {after}: {}", node.log());
-    let received = subscriber.count("mask");
-    subscriber.signal("CONT").unwrap();
-    subscriber.wait_for_times("mask", received + 10, PATIENCE).unwrap();
     replay.stop("INT").unwrap();
     node.stop("INT").unwrap();
 }
