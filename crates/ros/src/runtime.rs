@@ -87,7 +87,7 @@ async fn live<E: From<RosError>>(
         tokio::select! {
             () = &mut stop => return Ok(()),
             () = done.notified() => return Ok(()),
-            () = node.supervise() => tracing::warn!("the middleware has stopped: joining anew"),
+            () = node.supervise() => tracing::warn!("the middleware has stopped, or the process was suspended: joining anew"),
         }
         rosout::disconnect();
     }

@@ -1,4 +1,5 @@
-//! Notices that the middleware's threads have died.
+//! Notices that the middleware's threads have died, or that the process was suspended for so long that others have given it up:
+//! they do not take the same participant back.
 //!
 //! RustDDS does its work on two threads a participant. An error of the system or a fault ends them without a word, and nothing is
 //! received ever after. (Interrupted system calls did so, as after SIGSTOP and SIGCONT, until that was mended: see
@@ -6,12 +7,14 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 /// How often to look.
 pub const PERIOD: Duration = Duration::from_millis(250);
 /// Time in which the threads of a new participant must be running; they name themselves when they first run.
 const STARTUP: Duration = Duration::from_secs(10);
+/// A process that did not run for longer than this was suspended; others give it up after 10 s (Cyclone DDS) or 20 s (Fast DDS).
+const SUSPENSION: Duration = Duration::from_secs(5);
 /// Names of the threads, cut to the 15 characters that Linux keeps.
 const THREADS: [&str; 2] = ["RustDDS Partici", "RustDDS discove"];
 
@@ -21,17 +24,31 @@ pub struct Watchdog {
     before: BTreeSet<String>,
     watched: BTreeSet<String>,
     deadline: Instant,
+    last_look: (Instant, SystemTime),
 }
 
 impl Watchdog {
     /// To be made before the participant, whose threads are those that come later.
     pub fn start() -> Self {
-        Self { before: middleware_threads(), watched: BTreeSet::new(), deadline: Instant::now() + STARTUP }
+        let now = Instant::now();
+        Self {
+            before: middleware_threads(),
+            watched: BTreeSet::new(),
+            deadline: now + STARTUP,
+            last_look: (now, SystemTime::now()),
+        }
     }
 
-    /// Whether a thread is gone: one that was seen, or one that did not show up in time because it died before anyone looked.
+    /// Whether to join anew: the process was suspended, or a thread is gone: one that was seen, or one that did not show up in time because it died before anyone looked.
     pub fn is_dead(&mut self) -> bool {
-        self.is_dead_at(Instant::now())
+        self.was_suspended(Instant::now(), SystemTime::now()) || self.is_dead_at(Instant::now())
+    }
+
+    /// Whether it is long since the last look. One clock stands still while the computer sleeps, the other goes on.
+    fn was_suspended(&mut self, now: Instant, system_now: SystemTime) -> bool {
+        let (last, system_last) = std::mem::replace(&mut self.last_look, (now, system_now));
+        let slept = system_now.duration_since(system_last).unwrap_or_default();
+        slept.max(now.saturating_duration_since(last)) > SUSPENSION
     }
 
     fn is_dead_at(&mut self, time: Instant) -> bool {
@@ -71,6 +88,18 @@ mod tests {
         let thread = std::thread::Builder::new().name(name.into()).spawn(body).unwrap();
         start.recv().unwrap();
         (stop, thread)
+    }
+
+    #[test]
+    fn a_long_suspension_is_noticed_once() {
+        let mut watchdog = Watchdog::start();
+        let (now, system_now) = (Instant::now(), SystemTime::now());
+        assert!(!watchdog.was_suspended(now, system_now));
+        assert!(!watchdog.was_suspended(now + PERIOD, system_now + PERIOD));
+        assert!(watchdog.was_suspended(now + 2 * SUSPENSION, system_now + 2 * SUSPENSION), "stopped");
+        assert!(!watchdog.was_suspended(now + 2 * SUSPENSION, system_now + 2 * SUSPENSION));
+        assert!(watchdog.was_suspended(now + 2 * SUSPENSION, system_now + 4 * SUSPENSION), "the computer slept");
+        assert!(!watchdog.was_suspended(now + 2 * SUSPENSION, system_now), "the clock was set back");
     }
 
     // One test, as threads of parallel tests would be taken for the middleware's.

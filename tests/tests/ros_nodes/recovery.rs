@@ -31,6 +31,8 @@ fn check_suspension(names: &[&str], suspended: usize) {
     replay.wait_for(SENT_AGAIN, PATIENCE).unwrap();
     nodes[suspended].signal("CONT").unwrap();
     assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), logs(&nodes));
+    // It was suspended for the replay's acknowledge_timeout, for which others may have given it up.
+    assert!(nodes[suspended].count("joining anew") > 0, "{}", nodes[suspended].log());
     for node in &mut nodes {
         node.stop("TERM").unwrap();
     }
