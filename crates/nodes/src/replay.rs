@@ -131,7 +131,7 @@ impl Player {
             }
             tracing::info!("again from the start");
         }
-        let Counts { sent, resent, given_up, broken } = counts;
+        let Counts { sent, resent, given_up, broken, .. } = counts;
         tracing::info!("{sent} frames sent, {resent} sent again, {given_up} given up, {broken} unreadable");
         Ok(())
     }

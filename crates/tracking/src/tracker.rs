@@ -514,11 +514,6 @@ impl Tracker {
         self.keyframe_order.iter().filter_map(pose).collect()
     }
 
-    /// The same as [`Self::keyframe_trajectory`], for display.
-    pub fn keyframe_poses(&self) -> Vec<StampedPose> {
-        self.keyframe_trajectory()
-    }
-
     /// All map points.
     pub fn map_points(&self) -> Vec<MapPointView> {
         self.map.points().map(|(_, p)| MapPointView { position: p.position, color: p.color }).collect()
