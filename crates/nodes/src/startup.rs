@@ -11,9 +11,8 @@ use crate::recorder::Recorder;
 use crate::settings::{LiveSettings, Settings};
 use crate::worker::Health;
 
-/// Frames of a live camera that wait: a frame that becomes a keyframe takes the time of two or three, which the next ones make up
-/// for. Behind a node that is too slow for its camera the newest are worth more than all.
-pub const NEWEST: usize = 4;
+/// One frame waits where a newer one is worth more.
+pub const NEWEST: usize = 1;
 
 /// The parts that do not depend on what the node does with the frames.
 pub struct Startup {

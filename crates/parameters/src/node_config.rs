@@ -18,7 +18,7 @@ pub enum Reliability {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Queue {
-    /// The newest few images wait, the oldest of them makes room; drops are counted.
+    /// The newest image replaces the waiting one; drops are counted.
     #[default]
     Newest,
     /// Every image waits for its turn.
