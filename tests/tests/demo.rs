@@ -149,28 +149,22 @@ fn processes_of_group(group: u32) -> Vec<String> {
     std::fs::read_dir("/proc").unwrap().filter_map(|entry| of_process(entry.unwrap().path())).collect()
 }
 
-/// Time after which Ctrl-C is pressed again: bash forgets the first when a child that it has just forked gets it before it runs.
-const AGAIN: Duration = Duration::from_secs(3);
-
 /// Starts the demo in a process group of its own and sends the group SIGINT, as Ctrl-C in a terminal does.
 fn interrupt_demo_at(moment: Moment) {
     let folder = tempfile::tempdir().unwrap();
     let (log, out) = (folder.path().join("log"), folder.path().join("out"));
     let file = std::fs::File::create(&log).unwrap();
-    let mut command = Command::new(repository().join("launch_scripts/demo.sh"));
+    // A shell that was started with SIGINT ignored, as in the background of another, cannot trap it.
+    let mut command = Command::new("env");
+    command.arg("--default-signal=INT").arg(repository().join("launch_scripts/demo.sh"));
     command.arg("--out").arg(&out).stdin(Stdio::null()).stdout(file.try_clone().unwrap()).stderr(file);
     let mut demo = command.process_group(0).spawn().unwrap();
     wait_until(&log, &format!("{moment:?}"), |said| moment.has_come(said, &out));
-    let group = format!("-{}", demo.id());
-    let interrupt = || Command::new("kill").args(["-INT", "--", &group]).status().unwrap().success();
-    assert!(interrupt(), "the demo has ended before");
-    let (mut ended, mut interrupted) = (None, Instant::now());
+    let status = Command::new("kill").args(["-INT", "--", &format!("-{}", demo.id())]).status().unwrap();
+    assert!(status.success(), "the demo has ended before");
+    let mut ended = None;
     wait_until(&log, "the end", |_| {
         ended = demo.try_wait().unwrap();
-        if ended.is_none() && interrupted.elapsed() > AGAIN {
-            interrupt();
-            interrupted = Instant::now();
-        }
         ended.is_some()
     });
     let said = std::fs::read_to_string(&log).unwrap();
