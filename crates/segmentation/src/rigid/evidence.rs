@@ -62,6 +62,10 @@ pub(crate) struct Field {
     pub(crate) motion: Vec<f32>,
     /// How surely the static model explains the pixel, 0 to 1.
     pub(crate) explained: Vec<f32>,
+    /// How surely the pixel stands before the static model, 0 to 1.
+    pub(crate) intruding: Vec<f32>,
+    /// Whether a pixel without depth looks other than the static model; `None` where one of them is unknown.
+    pub(crate) changed: Vec<Option<bool>>,
 }
 
 impl Field {
@@ -73,6 +77,10 @@ impl Field {
         self.motion.resize(pixels, 0.0);
         self.explained.clear();
         self.explained.resize(pixels, 0.0);
+        self.intruding.clear();
+        self.intruding.resize(pixels, 0.0);
+        self.changed.clear();
+        self.changed.resize(pixels, None);
     }
 
     /// Adds `weight` of information, of which the share `evidence` speaks for motion.
@@ -252,7 +260,10 @@ impl Scene<'_> {
                 continue;
             }
             match self.relation(z, [near[i], far[i]], shift) {
-                Relation::Nearer => field.insist(i, BEFORE_MODEL),
+                Relation::Nearer => {
+                    field.intruding[i] = (model[i].hits / SURE_HITS).min(1.0);
+                    field.insist(i, BEFORE_MODEL);
+                }
                 Relation::Same => {
                     field.explained[i] = (model[i].hits / SURE_HITS).min(1.0);
                     let outline = self.is_outline(i) && self.has_edge(near[i], far[i]);
@@ -267,6 +278,7 @@ impl Scene<'_> {
     fn compare_luma(&self, i: usize, point: &ModelPoint, offset: f32, field: &mut Field) {
         let difference = (f32::from(self.frame.gray.pixels()[i]) - point.gray - offset).abs();
         let slip = self.gradient[i];
+        field.changed[i] = Some(difference > LUMA_TOLERANCE + slip);
         if difference > LUMA_TOLERANCE + slip {
             field.insist(i, LUMA);
         } else {

@@ -6,12 +6,15 @@ mod ego_motion;
 mod evidence;
 mod motion;
 mod objects;
+mod planes;
 mod reference;
 mod regions;
 mod report;
 mod segmenter;
 mod static_model;
 mod surfaces;
+mod things;
+mod unmeasured;
 mod view;
 mod votes;
 

@@ -2,7 +2,7 @@
 
 use super::motion::CornerMove;
 use super::regions::{BACKGROUND, Component};
-use super::surfaces::{NO_SURFACE, Surface, Surfaces};
+use super::surfaces::{NO_SURFACE, Surfaces};
 use super::view::Pinhole;
 
 /// A moving thing.
@@ -83,7 +83,7 @@ impl Objects {
 /// comes nearer by 3 m/s.
 const MAX_DEPTH_STEP: f32 = 0.1;
 /// Log-odds of pixels that belong to an object only because the rest of its surface does.
-const COMPLETED_ODDS: f32 = 0.3;
+const COMPLETED_ODDS: f32 = 0.8;
 /// Liveliness from which weak evidence against motion counts fully: all of such an object is seen to move, what does not was
 /// uncovered by it. Of the compared pixels, one in four, nearly half show it.
 const LIVELY: f32 = 0.1;
@@ -179,9 +179,9 @@ impl Objects {
         }
     }
 
-    /// Extends each object over the surfaces that belong to it: those for which `belongs` holds, given the number of pixels of the
-    /// surface that the object already has.
-    pub(crate) fn complete(&mut self, surfaces: &Surfaces, belongs: impl Fn(&Surface, u32) -> bool) {
+    /// The object that each surface belongs to: the first for which `belongs` holds, given the surface's index and how many of its
+    /// pixels the object already has.
+    pub(crate) fn owners(&self, surfaces: &Surfaces, mut belongs: impl FnMut(usize, u32) -> bool) -> Vec<u16> {
         let mut shares = vec![0_u32; surfaces.list.len()];
         let mut owners = vec![BACKGROUND; surfaces.list.len()];
         for object in &self.list {
@@ -189,12 +189,17 @@ impl Objects {
             for surface in object.pixels.iter().map(|&i| surfaces.labels[i as usize]).filter(|&s| s != NO_SURFACE) {
                 shares[surface as usize] += 1;
             }
-            for ((owner, &share), surface) in owners.iter_mut().zip(&shares).zip(&surfaces.list) {
-                if share > 0 && *owner == BACKGROUND && belongs(surface, share) {
+            for (index, (owner, &share)) in owners.iter_mut().zip(&shares).enumerate() {
+                if share > 0 && *owner == BACKGROUND && belongs(index, share) {
                     *owner = object.label;
                 }
             }
         }
+        owners
+    }
+
+    /// Extends each object over the surfaces of which it is the owner.
+    pub(crate) fn extend(&mut self, surfaces: &Surfaces, owners: &[u16]) {
         for (i, &surface) in surfaces.labels.iter().enumerate() {
             if self.labels[i] != BACKGROUND || surface == NO_SURFACE || owners[surface as usize] == BACKGROUND {
                 continue;
@@ -203,6 +208,19 @@ impl Objects {
             if let Some(object) = self.list.iter_mut().find(|o| o.label == owner) {
                 self.labels[i] = owner;
                 self.odds[i] = self.odds[i].max(COMPLETED_ODDS);
+                object.pixels.push(i as u32);
+            }
+        }
+    }
+
+    /// Gives pixels to the objects that `labels` names; odds stay.
+    pub(crate) fn relabel(&mut self, labels: &[u16]) {
+        self.labels.clone_from_slice(labels);
+        for object in &mut self.list {
+            object.pixels.clear();
+        }
+        for (i, &label) in labels.iter().enumerate().filter(|(_, l)| **l != BACKGROUND) {
+            if let Some(object) = self.list.iter_mut().find(|o| o.label == label) {
                 object.pixels.push(i as u32);
             }
         }

@@ -4,6 +4,8 @@ use std::collections::VecDeque;
 
 use pfd_geometry::{Camera, DepthNoise, RgbdFrame, StageTimes};
 use pfd_vision::VisionError;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
 
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
@@ -14,8 +16,9 @@ use super::regions::{BACKGROUND, Component, components, dilate, fill_holes, fill
 use super::report;
 use super::static_model::StaticModel;
 use super::surfaces::Surfaces;
+use super::things;
+use super::unmeasured::Unmeasured;
 use super::view::{Motion, View, ViewFrame};
-use super::votes::Votes;
 use crate::config::{Compensation, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig};
 use crate::particle_filter::{Particle, ParticleFilter};
 use crate::result::{DynamicRegion, FailOpenReason};
@@ -53,6 +56,7 @@ pub(crate) struct RigidSegmenter {
     frames: usize,
     buffers: Buffers,
     surfaces: Surfaces,
+    unmeasured: Unmeasured,
     /// Follows the evidence (paper, section 3.2), in pixels of the camera image.
     filter: ParticleFilter,
     /// Looks for new objects: the same without the evidence on those that are known (algorithm 2, step 9), which would otherwise
@@ -112,10 +116,10 @@ const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
 const MIN_DENSITY: f64 = 0.5;
 /// … or are at least this share of all.
 const MAX_SUPPORT: f64 = 0.2;
+/// A region of which this share surely stands before the static model needs no particles: it has come in.
+const INTRUSION: f32 = 0.4;
 /// Something that hardly ever moved rests after this share of the time that an established mover takes.
 const MIN_REST: f64 = 0.2;
-/// Share of a thing that must be seen to move for all of it to count as moving: about an arm of a person.
-const MOVING_PART: f32 = 0.12;
 /// Passes of the diffusion.
 const DIFFUSION_PASSES: usize = 2;
 /// Makes the random numbers of the search others than those of the filter.
@@ -145,6 +149,7 @@ impl RigidSegmenter {
             frames: 0,
             buffers: Buffers::default(),
             surfaces: Surfaces::default(),
+            unmeasured: Unmeasured::default(),
             filter: ParticleFilter::new((camera.width, camera.height), config.particles, seed),
             search: ParticleFilter::new((camera.width, camera.height), config.particles, seed ^ SEARCH_STREAM),
             particles: config.particles,
@@ -180,7 +185,7 @@ impl RigidSegmenter {
     ) -> Result<Outcome, VisionError> {
         timing.measure("prepare", || self.prepare(frame))?;
         if self.history.is_empty() {
-            timing.measure("model", || self.update_model(time));
+            timing.measure("model", || self.update_model());
             self.remember(time)?;
             return Ok(Outcome::First);
         }
@@ -193,7 +198,7 @@ impl RigidSegmenter {
         timing.measure("diffusion", || self.diffuse());
         timing.measure("particles", || self.follow(dt));
         timing.measure("regions", || self.extract(time));
-        timing.measure("model", || self.update_model(time));
+        timing.measure("model", || self.update_model());
         timing.measure("remember", || self.remember(time))?;
         Ok(self.flooded().map_or(Outcome::Done, Outcome::Failed))
     }
@@ -244,17 +249,7 @@ impl RigidSegmenter {
         let (camera, depth) = (self.view.camera, self.current.depth.pixels());
         self.surfaces.find(&camera, &self.noise, depth);
         self.surfaces.describe(&camera, depth, |_| Some(1.0));
-        let mut votes = vec![Votes::default(); self.surfaces.list.len()];
-        for (surface, chi2) in corners.iter().filter_map(|c| Some((self.surfaces.labels[c.to], c.chi2?))) {
-            if let Some(votes) = votes.get_mut(surface as usize) {
-                votes.add(chi2);
-            }
-        }
-        let moves: Vec<bool> = votes
-            .iter()
-            .zip(&self.surfaces.list)
-            .map(|(votes, surface)| votes.agree_on_motion(surface.pixels) && surface.is_thing(&camera))
-            .collect();
+        let moves = things::that_move(&self.surfaces, &camera, corners);
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {
             if moves.get(surface as usize).is_some_and(|m| *m) {
                 self.field.add(i, 1.0, MOVING_THING);
@@ -361,7 +356,8 @@ impl RigidSegmenter {
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
         let share = count as f64 / self.view.camera.pixels() as f64;
         let expected = self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT);
-        let supported = !self.config.particle_support || f64::from(gathered) > expected;
+        let intruding: f32 = component.pixels.iter().map(|&i| self.field.intruding[i as usize]).sum();
+        let supported = !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
         odds > NEW_ODDS * count as f32 && supported
     }
 
@@ -388,6 +384,7 @@ impl RigidSegmenter {
         let found = found.into_iter().filter(|c| self.objects.continues(c) || self.is_convincing(c)).collect();
         self.objects.update(found, &self.field.motion, time);
         self.complete();
+        self.assign_unmeasured();
         self.release(time);
         self.draw_mask();
     }
@@ -401,9 +398,17 @@ impl RigidSegmenter {
         let (labels, cells) = (&self.objects.labels, &self.field.cells);
         let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| cells[i][0] / (cells[i][1] + PRIOR));
         self.surfaces.describe(&camera, self.current.depth.pixels(), doubt);
-        self.objects.complete(&self.surfaces, |surface, moving| {
-            moving as f32 > MOVING_PART * surface.pixels as f32 && surface.is_thing(&camera)
-        });
+        let mut rng = Pcg64Mcg::seed_from_u64(self.seed ^ self.frames as u64);
+        let depth = self.current.depth.pixels();
+        let owners = things::owners(&self.objects, &self.surfaces, (&camera, &self.noise, depth), &mut rng);
+        self.objects.extend(&self.surfaces, &owners);
+    }
+
+    /// Extends objects over pixels without depth that look as if they belonged to them.
+    fn assign_unmeasured(&mut self) {
+        let (camera, changed) = (&self.view.camera, &self.field.changed);
+        let labels = self.unmeasured.assign(camera, &self.current, &self.objects.labels, changed);
+        self.objects.relabel(labels);
     }
 
     /// Lets go of what has rested long enough: it becomes part of the static scene.
@@ -434,31 +439,11 @@ impl RigidSegmenter {
     }
 
     /// Static pixels confirm or correct the model; dynamic ones only clear what they disprove.
-    fn update_model(&mut self, _time: f64) {
-        let camera = self.view.camera;
+    fn update_model(&mut self) {
+        let camera = &self.view.camera;
         dilate(camera.width, &self.mask, &mut self.buffers.spare_mask);
-        let scene_significance = self.config.significance as f32 * std::f32::consts::SQRT_2;
-        for i in 0..camera.pixels() {
-            let z = self.current.depth.pixels()[i];
-            if !self.noise.is_usable(f64::from(z)) {
-                continue;
-            }
-            let known = self.model.points()[i];
-            let tolerance = scene_significance * self.noise.sigma(f64::from(z)) as f32 + EDGE_SLACK * z;
-            let dynamic = self.buffers.spare_mask[i] != 0;
-            let gray = f32::from(self.current.gray.pixels()[i]);
-            let position = camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, z);
-            let difference = z - known.position[2];
-            if dynamic {
-                if known.is_known() && difference > tolerance {
-                    self.model.erase(i);
-                }
-            } else if known.is_known() && difference.abs() <= tolerance {
-                self.model.confirm(i, position, gray);
-            } else {
-                self.model.replace(i, position, gray);
-            }
-        }
+        let significance = self.config.significance as f32;
+        self.model.observe(camera, (&self.noise, significance), &self.current, &self.buffers.spare_mask);
     }
 
     /// Makes the current frame the previous one.
@@ -491,9 +476,6 @@ impl RigidSegmenter {
         (self.config.fail_open && share > self.config.max_mask_share).then_some(FailOpenReason::MaskTooLarge { share })
     }
 }
-
-/// Depth difference per metre that a pixel's offset makes on slanted surfaces.
-const EDGE_SLACK: f32 = 0.01;
 
 fn adopt(camera: &super::view::Pinhole, frame: &ViewFrame, model: &mut StaticModel, i: usize) {
     let z = frame.depth.pixels()[i];

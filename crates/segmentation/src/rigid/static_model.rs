@@ -4,9 +4,9 @@
 //! and how often it was confirmed. What stands in front of the model has come in; what the model holds in front of the
 //! measurement is gone.
 
-use pfd_geometry::Image;
+use pfd_geometry::{DepthNoise, Image};
 
-use super::view::{Motion, Pinhole};
+use super::view::{Motion, Pinhole, ViewFrame};
 
 /// One surface point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,23 +33,38 @@ const GRAY_RATE: f32 = 0.3;
 /// Points that come closer than this (metres) leave the model.
 const MIN_Z: f32 = 0.1;
 
+/// Points are kept up to this share of the image beside it, …
+const MARGIN: f32 = 0.5;
+/// … and lose this share of their confirmations per frame there: the estimate of the camera motion drifts, so that after some
+/// three seconds they would no longer lie where they were.
+const KEPT_OUTSIDE: f32 = 0.975;
+/// Depth difference per metre that a pixel's offset makes on slanted surfaces.
+const EDGE_SLACK: f32 = 0.01;
+/// A measurement that contradicts a point leaves this share of its confirmations.
+const KEPT_CONTRADICTED: f32 = 0.8;
+/// Depth step per metre of depth across a gap of one pixel up to which its sides are one surface.
+const MAX_GAP_STEP: f32 = 0.04;
+
 /// The model and its spare buffer.
 #[derive(Debug, Default)]
 pub(crate) struct StaticModel {
     points: Image<ModelPoint>,
     spare: Image<ModelPoint>,
+    /// Points that lie beside the view: the camera may turn back.
+    outside: Vec<ModelPoint>,
 }
 
 impl StaticModel {
     /// An empty model for a view.
     pub(crate) fn new(camera: &Pinhole) -> Self {
         let empty = Image::filled(camera.width, camera.height, ModelPoint::default());
-        Self { points: empty.clone(), spare: empty }
+        Self { points: empty.clone(), spare: empty, outside: Vec::new() }
     }
 
     /// Forgets everything.
     pub(crate) fn clear(&mut self) {
         self.points.pixels_mut().fill(ModelPoint::default());
+        self.outside.clear();
     }
 
     /// The points, one per working pixel.
@@ -57,22 +72,70 @@ impl StaticModel {
         self.points.pixels()
     }
 
-    /// Carries the model into the next camera frame; of two points on one pixel the nearer survives.
+    /// Carries the model into the next camera frame; of two points on one pixel the nearer survives. Pixels that get none are
+    /// filled between neighbours on one surface: without that the model would thin out by each warp.
     pub(crate) fn advance(&mut self, camera: &Pinhole, motion: &Motion) {
         let target = self.spare.pixels_mut();
         target.fill(ModelPoint::default());
-        for point in self.points.pixels().iter().filter(|p| p.is_known()) {
-            let position = motion.apply(point.position);
-            if position[2] < MIN_Z {
-                continue;
+        let carry = |point: &mut ModelPoint, target: &mut [ModelPoint]| {
+            point.position = motion.apply(point.position);
+            if point.position[2] < MIN_Z {
+                return Place::Gone;
             }
-            let Some(index) = camera.nearest(camera.project(position)) else { continue };
+            let pixel = camera.project(point.position);
+            let Some(index) = camera.nearest(pixel) else { return place_outside(camera, pixel) };
             let occupied = target[index].position[2];
-            if occupied == 0.0 || position[2] < occupied {
-                target[index] = ModelPoint { position, ..*point };
+            if occupied == 0.0 || point.position[2] < occupied {
+                target[index] = *point;
+            }
+            Place::Inside
+        };
+        self.outside.retain_mut(|point| {
+            point.hits *= KEPT_OUTSIDE;
+            point.hits >= 1.0 && carry(point, target) == Place::Beside
+        });
+        for mut point in self.points.pixels().iter().copied().filter(ModelPoint::is_known) {
+            if carry(&mut point, target) == Place::Beside && point.hits > 1.0 && self.outside.len() < camera.pixels() {
+                self.outside.push(point);
             }
         }
+        fill_gaps(camera, target);
         std::mem::swap(&mut self.points, &mut self.spare);
+    }
+
+    /// Takes in a frame. Pixels outside the `dynamic` mask (0 there) confirm the model or contradict it; those inside only clear
+    /// what they see through. Depths differ from `significance` standard deviations on.
+    pub(crate) fn observe(
+        &mut self,
+        camera: &Pinhole,
+        (noise, significance): (&DepthNoise, f32),
+        frame: &ViewFrame,
+        dynamic: &[u8],
+    ) {
+        for (i, &z) in frame.depth.pixels().iter().enumerate() {
+            if !noise.is_usable(f64::from(z)) {
+                continue;
+            }
+            let known = self.points.pixels()[i];
+            let sigma = std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
+            let difference = z - known.position[2];
+            let differs = difference.abs() > significance * sigma + EDGE_SLACK * z;
+            if dynamic[i] != 0 {
+                if known.is_known() && differs && difference > 0.0 {
+                    self.erase(i);
+                }
+                continue;
+            }
+            let position = camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, z);
+            let gray = f32::from(frame.gray.pixels()[i]);
+            if !known.is_known() {
+                self.replace(i, position, gray);
+            } else if differs {
+                self.contradict(i, position, gray);
+            } else {
+                self.confirm(i, position, gray);
+            }
+        }
     }
 
     /// Confirms pixel `index` at `position` with `gray`.
@@ -91,10 +154,59 @@ impl StaticModel {
         self.points.pixels_mut()[index] = ModelPoint { position, gray, hits: 1.0 };
     }
 
+    /// A measurement contradicts pixel `index`: what was confirmed often needs several to be replaced.
+    pub(crate) fn contradict(&mut self, index: usize, position: [f32; 3], gray: f32) {
+        let point = &mut self.points.pixels_mut()[index];
+        point.hits *= KEPT_CONTRADICTED;
+        if point.hits < 1.0 {
+            self.replace(index, position, gray);
+        }
+    }
+
     /// Forgets pixel `index`.
     pub(crate) fn erase(&mut self, index: usize) {
         self.points.pixels_mut()[index] = ModelPoint::default();
     }
+}
+
+/// Where a point lies after a camera motion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Place {
+    Inside,
+    /// Outside of the view, near enough to come back.
+    Beside,
+    Gone,
+}
+
+fn place_outside(camera: &Pinhole, [x, y]: [f32; 2]) -> Place {
+    let near = |p: f32, size: usize| {
+        let (size, margin) = (size as f32, MARGIN * size as f32);
+        p > -margin && p < size + margin
+    };
+    if near(x, camera.width) && near(y, camera.height) { Place::Beside } else { Place::Gone }
+}
+
+/// Fills each empty pixel between two neighbours of the same surface (left and right, or above and below) by their mean.
+fn fill_gaps(camera: &Pinhole, points: &mut [ModelPoint]) {
+    let width = camera.width;
+    for i in width..points.len().saturating_sub(width) {
+        let u = i % width;
+        if points[i].is_known() || u == 0 || u + 1 == width {
+            continue;
+        }
+        let across = between(&points[i - 1], &points[i + 1]);
+        if let Some((depth, gray, hits)) = across.or_else(|| between(&points[i - width], &points[i + width])) {
+            let position = camera.unproject(u as f32, (i / width) as f32, depth);
+            points[i] = ModelPoint { position, gray, hits };
+        }
+    }
+}
+
+/// Depth, luma and confirmations between two points, if they are known and lie on one surface.
+fn between(a: &ModelPoint, b: &ModelPoint) -> Option<(f32, f32, f32)> {
+    let (za, zb) = (a.position[2], b.position[2]);
+    let connected = a.is_known() && b.is_known() && (za - zb).abs() < MAX_GAP_STEP * za.min(zb);
+    connected.then(|| (0.5 * (za + zb), 0.5 * (a.gray + b.gray), a.hits.min(b.hits)))
 }
 
 #[cfg(test)]
@@ -124,6 +236,48 @@ mod tests {
         model.replace(1, CAMERA.unproject(12.0, 8.0, 1.0), 2.0);
         model.advance(&CAMERA, &Motion::from(&pfd_geometry::Pose::identity()));
         assert_eq!(model.points()[CAMERA.nearest([12.0, 8.0]).unwrap()].gray, 2.0);
+    }
+
+    #[test]
+    fn a_gap_of_one_pixel_is_filled_on_a_surface_and_not_across_an_edge() {
+        let fill = |left: f32, right: f32| {
+            let mut model = StaticModel::new(&CAMERA);
+            let row = 5 * CAMERA.width;
+            for (u, z) in [(9, left), (11, right)] {
+                model.replace(row + u, CAMERA.unproject(u as f32, 5.0, z), 50.0);
+            }
+            model.advance(&CAMERA, &Motion::from(&pfd_geometry::Pose::identity()));
+            model.points()[row + 10].position[2]
+        };
+        assert!((fill(2.0, 2.02) - 2.01).abs() < 1e-5);
+        assert_eq!(fill(1.0, 2.0), 0.0);
+    }
+
+    #[test]
+    fn what_leaves_the_view_comes_back_unless_it_stays_away_for_long() {
+        let turn = Motion::from(&pose::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.2, 0.0)));
+        let back = Motion::from(&pose::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, -0.2, 0.0)));
+        let still = Motion::from(&pfd_geometry::Pose::identity());
+        for (frames, expected) in [(5, true), (400, false)] {
+            let mut model = StaticModel::new(&CAMERA);
+            let (index, position) = (12 * CAMERA.width + 30, CAMERA.unproject(30.0, 12.0, 2.0));
+            (0..20).for_each(|_| model.confirm(index, position, 70.0));
+            model.advance(&CAMERA, &turn);
+            assert!(model.points().iter().all(|p| !p.is_known()), "out of view");
+            (0..frames).for_each(|_| model.advance(&CAMERA, &still));
+            model.advance(&CAMERA, &back);
+            assert_eq!(model.points()[index].is_known(), expected, "after {frames} frames");
+        }
+    }
+
+    #[test]
+    fn a_single_contradiction_does_not_replace_what_was_confirmed() {
+        let mut model = StaticModel::new(&CAMERA);
+        (0..10).for_each(|_| model.confirm(5, [0.0, 0.0, 1.0], 100.0));
+        model.contradict(5, [0.0, 0.0, 2.0], 100.0);
+        assert_eq!(model.points()[5].position[2], 1.0);
+        (0..20).for_each(|_| model.contradict(5, [0.0, 0.0, 2.0], 100.0));
+        assert_eq!(model.points()[5].position[2], 2.0);
     }
 
     #[test]

@@ -33,11 +33,13 @@ pub(crate) struct Surface {
     pub(crate) pixels: u32,
     /// Sum of their depths, metres.
     depth: f32,
+    /// Sum of the squares of their depths.
+    squares: f32,
     /// Left- and rightmost column.
     columns: [u32; 2],
     /// Still border pixels at which it hides what is behind it.
     hides: u32,
-    /// Still border pixels at which it is hidden or cut by the image border.
+    /// Still border pixels at which it is hidden.
     hidden: u32,
     /// Still pixels.
     still: u32,
@@ -45,19 +47,28 @@ pub(crate) struct Surface {
     doubt: f32,
 }
 
+/// About so many points of a surface are sampled.
+const SAMPLE: usize = 500;
 /// Things are not wider than this, metres: two people side by side.
 const MAX_WIDTH: f32 = 1.2;
-/// Things stand before their surroundings on at least this share of their border.
-const MIN_FRONT: f32 = 0.5;
+/// Things are not deeper than this along the viewing direction, metres: a desk that a mover touches is.
+const MAX_EXTENT: f32 = 0.5;
 /// Mean share of evidence for motion that the still part of a thing shows at least; what surely is static has less.
 const MIN_DOUBT: f32 = 0.12;
 
 impl Surface {
     /// Whether it may be a thing (a person, a box) of which a part is known to move, and not a thing's surroundings that connect
-    /// with it.
-    pub(crate) fn is_thing(&self, camera: &Pinhole) -> bool {
-        let front = self.hides as f32 > MIN_FRONT * (self.hides + self.hidden) as f32;
-        front && self.width(camera) < MAX_WIDTH && self.doubt >= MIN_DOUBT * self.still as f32
+    /// with it: it stands before its surroundings on at least the share `min_front` of its border.
+    pub(crate) fn is_thing(&self, camera: &Pinhole, min_front: f32) -> bool {
+        let front = self.hides as f32 > min_front * (self.hides + self.hidden) as f32;
+        front && self.width(camera) < MAX_WIDTH && self.extent() < MAX_EXTENT && self.doubt >= MIN_DOUBT * self.still as f32
+    }
+
+    /// Extent along the viewing direction, metres: that of a uniform distribution of the same variance.
+    fn extent(&self) -> f32 {
+        let count = self.pixels.max(1) as f32;
+        let mean = self.depth / count;
+        (12.0 * (self.squares / count - mean * mean).max(0.0)).sqrt()
     }
 
     /// Width at the mean depth, metres.
@@ -71,6 +82,7 @@ impl Surface {
         self.columns = [left.min(u), right.max(u)];
         self.pixels += 1;
         self.depth += z;
+        self.squares += z * z;
         self.still += u32::from(doubt.is_some());
         self.doubt += doubt.unwrap_or(0.0);
     }
@@ -93,6 +105,20 @@ impl Surfaces {
             }
         }
         self.judge_borders(width, depth, &|i| doubt(i).is_some());
+    }
+
+    /// Some of the surface's points (camera frame, metres) for which `wanted` holds.
+    pub(crate) fn sample(
+        &self,
+        surface: u32,
+        wanted: impl Fn(usize) -> bool,
+        camera: &Pinhole,
+        depth: &[f32],
+    ) -> Vec<[f32; 3]> {
+        let here = |&i: &usize| self.labels[i] == surface && wanted(i);
+        let point = |i: usize| camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, depth[i]);
+        let step = (self.list[surface as usize].still as usize / SAMPLE).max(1);
+        (0..depth.len()).filter(here).step_by(step).map(point).collect()
     }
 
     /// Gives every run of connected pixels of a row an index, and joins the indices of runs that connect with the row above.
@@ -160,14 +186,6 @@ impl Surfaces {
                     self.judge_step(above, i, depth, still);
                 }
             }
-            if let Some(end) = left {
-                self.count_hidden(end, still);
-            }
-        }
-        for u in 0..width {
-            if let Some(end) = self.above[u] {
-                self.count_hidden(end, still);
-            }
         }
     }
 
@@ -176,7 +194,7 @@ impl Surfaces {
             Some(b) if self.labels[b] == self.labels[i] => {}
             Some(b) if depth[b] < depth[i] => self.count_border(b, i, still),
             Some(b) => self.count_border(i, b, still),
-            None => self.count_hidden(i, still),
+            None => {}
         }
     }
 
@@ -230,23 +248,24 @@ mod tests {
 
     #[test]
     fn a_thing_stands_before_its_surroundings() {
-        // Something in the middle at 1 m, a wall at 2 m that shows on both sides, 8 pixels of image border above and below.
+        // Something in the middle at 1 m, a wall at 2 m that shows on both sides.
         let row = [2.0, 2.0, 2.0, 1.0, 1.0, 2.0, 2.0, 2.0];
         let found = surfaces(row, 0.5);
-        // Two rows: left and right border of each row against the two columns' ends above and below.
-        assert_eq!((found.list[1].hides, found.list[1].hidden), (4, 4));
+        // Two rows, left and right border of each.
+        assert_eq!((found.list[1].hides, found.list[1].hidden), (4, 0));
         assert_eq!(found.list[0].hides, 0);
-        assert!(!found.list[0].is_thing(&CAMERA), "the wall is behind");
-        assert!(!surfaces([1.0; 8], 0.5).list[0].is_thing(&CAMERA), "nothing behind it");
+        assert!(!found.list[0].is_thing(&CAMERA, 0.5), "the wall is behind");
+        assert!(!surfaces([1.0; 8], 0.5).list[0].is_thing(&CAMERA, 0.5), "nothing behind it");
     }
 
     #[test]
     fn what_surely_is_static_is_no_thing() {
         let thing =
-            Surface { pixels: 100, depth: 100.0, columns: [3, 5], hides: 30, hidden: 10, still: 80, doubt: 20.0 };
-        assert!(thing.is_thing(&CAMERA));
-        assert!(!Surface { doubt: 1.0, ..thing }.is_thing(&CAMERA));
-        assert!(!Surface { depth: 500.0, ..thing }.is_thing(&CAMERA), "almost two metres wide");
-        assert!(!Surface { hidden: 40, ..thing }.is_thing(&CAMERA));
+            Surface { pixels: 100, depth: 100.0, squares: 101.0, columns: [3, 5], hides: 30, hidden: 10, still: 80, doubt: 20.0 };
+        assert!(thing.is_thing(&CAMERA, 0.5));
+        assert!(!Surface { doubt: 1.0, ..thing }.is_thing(&CAMERA, 0.5));
+        assert!(!Surface { depth: 500.0, squares: 2501.0, ..thing }.is_thing(&CAMERA, 0.5), "almost two metres wide");
+        assert!(!Surface { squares: 103.0, ..thing }.is_thing(&CAMERA, 0.5), "0.6 metres deep");
+        assert!(!Surface { hidden: 40, ..thing }.is_thing(&CAMERA, 0.5));
     }
 }
