@@ -72,7 +72,7 @@ pub struct FeatureConfig {
 
 impl Default for FeatureConfig {
     fn default() -> Self {
-        Self { count: 1000, levels: 8, scale: 1.2, threshold: 20, low_threshold: 7, sigma: 0.7, mask_margin: 4 }
+        Self { count: 1000, levels: 8, scale: 1.2, threshold: 20, low_threshold: 7, sigma: 0.7, mask_margin: 2 }
     }
 }
 
@@ -196,7 +196,7 @@ pub struct BundleAdjustmentConfig {
 
 impl Default for BundleAdjustmentConfig {
     fn default() -> Self {
-        Self { enabled: true, window: 12, max_fixed: 20, iterations: 5, delay_frames: 3 }
+        Self { enabled: true, window: 12, max_fixed: 20, iterations: 5, delay_frames: 5 }
     }
 }
 

@@ -3,6 +3,7 @@
 //! [`Tracker::track`] takes a frame and the mask of what moves in it (from wherever), and returns the pose. Nothing here knows
 //! how masks are made, or ROS.
 
+mod background;
 pub mod bundle_adjustment;
 pub mod config;
 pub mod image_features;

@@ -1,7 +1,6 @@
 //! The state machine around localisation and mapping.
 
 use std::path::Path;
-use std::thread::JoinHandle;
 
 use nalgebra::Matrix6;
 use pfd_geometry::{Camera, Mask, Pose, RgbdFrame, StageTimes, Stamp, StampedPose};
@@ -9,7 +8,8 @@ use pfd_vision::features::FeatureExtractor;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 
-use crate::bundle_adjustment::{self, BundleProblem, BundleResult};
+use crate::background::PendingAdjustment;
+use crate::bundle_adjustment::{self, BundleProblem};
 use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
 use crate::local_mapping;
@@ -52,12 +52,6 @@ struct Active {
     reference: KeyframeId,
     /// Map points that the last frame showed.
     last_points: Vec<MapPointId>,
-}
-
-/// A bundle adjustment that runs in the background.
-struct PendingAdjustment {
-    worker: JoinHandle<BundleResult>,
-    due_frame: usize,
 }
 
 /// A frame on its way through [`Tracker::track`].
@@ -421,17 +415,13 @@ impl Tracker {
         }
         let problem = BundleProblem::local(&self.map, &self.camera, center, &config);
         let due_frame = self.frame_index + config.delay_frames;
-        let worker = std::thread::Builder::new()
-            .name("local bundle adjustment".to_owned())
-            .spawn(move || problem.solve(&config));
-        // Without a thread the map stays as it is until the next keyframe.
-        self.adjustment = worker.ok().map(|worker| PendingAdjustment { worker, due_frame });
+        self.adjustment = PendingAdjustment::start(problem, config, due_frame);
     }
 
     /// Writes a finished bundle adjustment into the map once it is due (or `now`), at the same frame in every run.
     fn take_over_adjustment(&mut self, now: bool) {
-        let due = self.adjustment.take_if(|pending| now || self.frame_index >= pending.due_frame);
-        let Some(Ok(result)) = due.map(|pending| pending.worker.join()) else { return };
+        let due = self.adjustment.take_if(|pending| now || pending.is_due(self.frame_index));
+        let Some(result) = due.and_then(PendingAdjustment::wait) else { return };
         let reference = self.active.as_ref().map(|active| active.reference);
         let pose_of = |map: &Map| reference.and_then(|id| map.keyframe(id)).map(|k| k.T_camera_world);
         let before = pose_of(&self.map);
