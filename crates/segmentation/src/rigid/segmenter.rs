@@ -349,7 +349,7 @@ impl RigidSegmenter {
     }
 
     /// Whether a component that continues no object is believed: clear evidence on average and, if configured, more particles
-    /// on it than chance would put there.
+    /// on it than chance would put there or a good part that surely stands before the static model.
     fn is_convincing(&self, component: &Component) -> bool {
         let count = component.pixels.len();
         let odds: f32 = component.pixels.iter().map(|&i| self.objects.odds[i as usize]).sum();
@@ -357,7 +357,8 @@ impl RigidSegmenter {
         let share = count as f64 / self.view.camera.pixels() as f64;
         let expected = self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT);
         let intruding: f32 = component.pixels.iter().map(|&i| self.field.intruding[i as usize]).sum();
-        let supported = !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
+        let supported =
+            !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
         odds > NEW_ODDS * count as f32 && supported
     }
 

@@ -61,7 +61,10 @@ impl Surface {
     /// with it: it stands before its surroundings on at least the share `min_front` of its border.
     pub(crate) fn is_thing(&self, camera: &Pinhole, min_front: f32) -> bool {
         let front = self.hides as f32 > min_front * (self.hides + self.hidden) as f32;
-        front && self.width(camera) < MAX_WIDTH && self.extent() < MAX_EXTENT && self.doubt >= MIN_DOUBT * self.still as f32
+        front
+            && self.width(camera) < MAX_WIDTH
+            && self.extent() < MAX_EXTENT
+            && self.doubt >= MIN_DOUBT * self.still as f32
     }
 
     /// Extent along the viewing direction, metres: that of a uniform distribution of the same variance.
@@ -260,8 +263,16 @@ mod tests {
 
     #[test]
     fn what_surely_is_static_is_no_thing() {
-        let thing =
-            Surface { pixels: 100, depth: 100.0, squares: 101.0, columns: [3, 5], hides: 30, hidden: 10, still: 80, doubt: 20.0 };
+        let thing = Surface {
+            pixels: 100,
+            depth: 100.0,
+            squares: 101.0,
+            columns: [3, 5],
+            hides: 30,
+            hidden: 10,
+            still: 80,
+            doubt: 20.0,
+        };
         assert!(thing.is_thing(&CAMERA, 0.5));
         assert!(!Surface { doubt: 1.0, ..thing }.is_thing(&CAMERA, 0.5));
         assert!(!Surface { depth: 500.0, squares: 2501.0, ..thing }.is_thing(&CAMERA, 0.5), "almost two metres wide");
