@@ -196,7 +196,7 @@ pub struct BundleAdjustmentConfig {
 
 impl Default for BundleAdjustmentConfig {
     fn default() -> Self {
-        Self { enabled: true, window: 12, max_fixed: 20, iterations: 5, delay_frames: 5 }
+        Self { enabled: true, window: 12, max_fixed: 20, iterations: 5, delay_frames: 3 }
     }
 }
 
