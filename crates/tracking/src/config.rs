@@ -158,6 +158,10 @@ pub struct MappingConfig {
     /// Depth beyond which a single measurement does not start a map point, metres.
     #[schemars(range(min = 0.5, max = 20.0))]
     pub max_new_point_depth: f64,
+    /// When the mask shows that something moves this many frames after the first, the map starts anew there and the frames before
+    /// are tracked again in it: segmentation needs some frames to tell movers from the room. 0 = off.
+    #[schemars(range(min = 0, max = 60))]
+    pub first_frames: usize,
 }
 
 impl Default for MappingConfig {
@@ -170,6 +174,7 @@ impl Default for MappingConfig {
             redundant_share: 0.9,
             min_found_ratio: 0.25,
             max_new_point_depth: 6.0,
+            first_frames: 6,
         }
     }
 }

@@ -6,6 +6,7 @@
 mod background;
 pub mod bundle_adjustment;
 pub mod config;
+mod first_frames;
 pub mod image_features;
 pub mod local_mapping;
 pub mod localization;

@@ -19,6 +19,15 @@ pub struct Localized {
     pub matches: Vec<Match>,
     /// Of a perturbation in the camera frame (tx ty tz rx ry rz).
     pub covariance: Matrix6<f64>,
+    /// Share of the associations that agreed with the pose.
+    pub consensus: f64,
+}
+
+impl Localized {
+    /// Whether most associations agree: a pose that follows from wrong ones gathers few others.
+    fn is_clear(&self) -> bool {
+        self.consensus >= MIN_CONSENSUS
+    }
 }
 
 /// Keyframes that make up the local map at most.
@@ -27,6 +36,9 @@ const LOCAL_KEYFRAMES: usize = 40;
 const NEIGHBOURS: usize = 5;
 /// The search radius of the second, wider attempt, as a multiple of the first.
 const WIDER: f64 = 2.5;
+/// Share of agreeing associations from which no other start is tried. Where the search is in the right place two of three and more
+/// agree; beside it, on repeated texture, a third still finds a pose to agree on.
+const MIN_CONSENSUS: f64 = 0.5;
 
 /// What localisation works with.
 #[derive(Clone, Copy)]
@@ -48,10 +60,25 @@ impl Localizer<'_> {
         predicted: &Pose,
     ) -> Option<Localized> {
         let radius = self.config.matching.motion_radius;
-        [radius, WIDER * radius]
-            .into_iter()
-            .map(|radius| self.project(features, last_points, predicted, radius))
-            .find_map(|matches| self.solve(features, matches, predicted, self.config.pose.min_inliers))
+        let within = |radius: f64| {
+            let matches = self.project(features, last_points, predicted, radius);
+            self.solve(features, matches, predicted, self.config.pose.min_inliers)
+        };
+        self.best([&|| within(radius), &|| within(WIDER * radius)])
+    }
+
+    /// The first of several attempts on whose pose most associations agree; if there is none, the one with most inliers.
+    pub fn best<const N: usize>(&self, attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
+        let mut best: Option<Localized> = None;
+        for found in attempts.into_iter().filter_map(|attempt| attempt()) {
+            if found.is_clear() {
+                return Some(found);
+            }
+            if best.as_ref().is_none_or(|b| found.matches.len() > b.matches.len()) {
+                best = Some(found);
+            }
+        }
+        best
     }
 
     /// Matches the descriptors of a keyframe, without regard to position (section V-D).
@@ -124,12 +151,14 @@ impl Localizer<'_> {
         let (matches, observations): (Vec<_>, Vec<_>) =
             matches.into_iter().filter_map(|m| Some((m, observe(&m)?))).unzip();
         let estimate = optimize_pose(self.camera, &observations, initial)?;
+        let consensus = estimate.inlier_count() as f64 / matches.len().max(1) as f64;
         let agreed = matches.into_iter().zip(&estimate.inliers).filter_map(|(m, &inlier)| inlier.then_some(m));
         let matches: Vec<_> = agreed.collect();
         (matches.len() >= min_inliers).then_some(Localized {
             T_camera_world: estimate.T_camera_world,
             matches,
             covariance: estimate.covariance,
+            consensus,
         })
     }
 }

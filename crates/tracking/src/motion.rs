@@ -48,6 +48,12 @@ impl Motion {
         self.T_camera_world = T_camera_world;
     }
 
+    /// The last two poses were estimated anew; odometry goes on from where it is.
+    pub(crate) fn revise(&mut self, T_before_world: &Pose, T_camera_world: Pose) {
+        self.velocity = T_camera_world * T_before_world.inverse();
+        self.T_camera_world = T_camera_world;
+    }
+
     /// The camera was found again at `stamp`: a new pose, at rest, without a jump in the odometry.
     pub(crate) fn restart(&mut self, stamp: Stamp, T_camera_world: Pose) {
         *self = Self::start(stamp, T_camera_world, self.T_odom_camera);

@@ -11,6 +11,7 @@ use rand_pcg::Pcg32;
 use crate::background::PendingAdjustment;
 use crate::bundle_adjustment::{self, BundleProblem};
 use crate::config::TrackingConfig;
+use crate::first_frames::FirstFrames;
 use crate::image_features::ImageFeatures;
 use crate::local_mapping;
 use crate::localization::{Localized, Localizer};
@@ -44,6 +45,8 @@ pub struct Tracker {
     segments: Segments,
     /// Since when the camera has been lost although there is something to see.
     lost_since: Option<Stamp>,
+    /// Kept until the map was judged by masks that know what moves.
+    first_frames: Option<FirstFrames>,
 }
 
 /// What is known while (and after) a map exists.
@@ -87,6 +90,7 @@ impl Tracker {
             loops: 0,
             segments: Segments::default(),
             lost_since: None,
+            first_frames: None,
         })
     }
 
@@ -163,10 +167,12 @@ impl Tracker {
         let localizer = self.localizer();
         let features = &candidate.features;
         let predicted = active.motion.predict(candidate.frame.stamp());
-        let first = localizer
-            .from_prediction(features, &active.last_points, &predicted)
-            .or_else(|| localizer.from_prediction(features, &active.last_points, active.motion.T_camera_world()))
-            .or_else(|| localizer.from_keyframe(features, active.reference, active.motion.T_camera_world()))?;
+        let last = active.motion.T_camera_world();
+        let first = localizer.best([
+            &|| localizer.from_prediction(features, &active.last_points, &predicted),
+            &|| localizer.from_prediction(features, &active.last_points, last),
+            &|| localizer.from_keyframe(features, active.reference, last),
+        ])?;
         localizer.in_local_map(features, &first, self.config.matching.local_map_radius).or(Some(first))
     }
 
@@ -213,13 +219,77 @@ impl Tracker {
     /// Starts the map from a frame with enough depth. The first camera is the origin of the world.
     fn initialize(&mut self, candidate: Candidate<'_>) -> bool {
         let motion = Motion::start(candidate.frame.stamp(), Pose::identity(), Pose::identity());
-        self.start_from(candidate, motion)
+        let mut first_frames = FirstFrames::default();
+        first_frames.push(candidate.frame.stamp(), candidate.features.clone());
+        let started = self.start_from(candidate, motion);
+        self.first_frames = (started && self.config.mapping.first_frames > 0).then_some(first_frames);
+        started
+    }
+
+    /// Once [`crate::config::MappingConfig::first_frames`] have passed: when the mask shows that something moves, the map starts
+    /// anew with this frame, and the frames before it are tracked again. Returns whether it did.
+    fn begin_anew(&mut self, candidate: &Candidate<'_>) -> bool {
+        let Some(first_frames) = &mut self.first_frames else { return false };
+        if first_frames.len() < self.config.mapping.first_frames {
+            first_frames.push(candidate.frame.stamp(), candidate.features.clone());
+            return false;
+        }
+        let Some(first_frames) = self.first_frames.take() else { return false };
+        let moving = candidate.mask.is_some_and(|mask| mask.fraction() > 0.0);
+        if !moving || candidate.features.with_depth() < self.config.pose.min_initial_points {
+            return false;
+        }
+        let Some(poses) = self.localize_first_frames(&first_frames, candidate) else { return false };
+        self.replace_map(candidate, &poses);
+        true
+    }
+
+    /// Poses of the first frames (first camera to camera) in a map made of `candidate` alone.
+    fn localize_first_frames(
+        &self,
+        first_frames: &FirstFrames,
+        candidate: &Candidate<'_>,
+    ) -> Option<Vec<(Stamp, Pose)>> {
+        let mut map = Map::default();
+        let stamp = candidate.frame.stamp();
+        let keyframe = Keyframe::new(stamp, self.frame_index, Pose::identity(), candidate.features.clone());
+        let id = local_mapping::insert_keyframe(&mut map, &self.camera, &self.config, keyframe, &[]);
+        let points: Vec<_> = map.keyframe(id)?.observed().map(|(_, point)| point).collect();
+        let localizer = Localizer { camera: &self.camera, config: &self.config, map: &map };
+        let mut poses = first_frames.localize(&localizer, &points, &Pose::identity())?;
+        // So far relative to the newest camera; the first one is to be the origin of the world.
+        let newest_from_first = poses.first()?.1.inverse();
+        poses.push((stamp, Pose::identity()));
+        poses.iter_mut().for_each(|(_, pose)| *pose *= newest_from_first);
+        Some(poses)
+    }
+
+    /// Puts a map made of `candidate` in the place of the present one; `poses` are those of all frames up to it.
+    fn replace_map(&mut self, candidate: &Candidate<'_>, poses: &[(Stamp, Pose)]) {
+        let [.., (_, before), (stamp, pose)] = poses else { return };
+        // What was under way concerns the old map.
+        drop(self.adjustment.take().and_then(PendingAdjustment::wait));
+        self.map = Map::default();
+        self.keyframe_order.clear();
+        self.places = PlaceIndex::new(self.seed);
+        self.trajectory = TrajectoryLog::default();
+        let keyframe = Keyframe::new(*stamp, self.frame_index, *pose, candidate.features.clone());
+        let reference = self.insert_keyframe(keyframe, &[]);
+        for (stamp, pose) in poses {
+            self.trajectory.push(&self.map, *stamp, reference, pose);
+        }
+        let last_points = self.points_of(reference);
+        if let Some(active) = &mut self.active {
+            active.motion.revise(before, *pose);
+            (active.reference, active.last_points) = (reference, last_points);
+        }
     }
 
     /// The camera is lost. When it has been so for long in view of something, a new segment of the map starts at the last known
     /// pose. Returns whether the frame became a keyframe.
     fn lose(&mut self, candidate: Candidate<'_>) -> bool {
         self.state = TrackingState::Lost;
+        self.first_frames = None;
         let stamp = candidate.frame.stamp();
         if candidate.features.with_depth() < self.config.pose.min_initial_points {
             self.lost_since = None;
@@ -273,6 +343,9 @@ impl Tracker {
         }
         if !self.config.mapping.enabled {
             return false;
+        }
+        if self.begin_anew(&candidate) {
+            return true;
         }
         self.remember(&candidate, localized);
         if !self.keyframe_is_due(&candidate, localized) {
@@ -449,6 +522,7 @@ impl Tracker {
         self.state = TrackingState::NotInitialized;
         self.last_stamp = None;
         self.lost_since = None;
+        self.first_frames = None;
         self.active = None;
     }
 
