@@ -38,7 +38,7 @@ const NEIGHBOURS: usize = 5;
 const WIDER: f64 = 2.5;
 /// Share of agreeing associations from which no other start is tried. Where the search is in the right place two of three and more
 /// agree; beside it, on repeated texture, a third still finds a pose to agree on.
-const MIN_CONSENSUS: f64 = 0.5;
+const MIN_CONSENSUS: f64 = 0.65;
 
 /// What localisation works with.
 #[derive(Clone, Copy)]

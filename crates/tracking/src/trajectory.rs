@@ -1,7 +1,8 @@
 //! Poses of all frames, relative to keyframes, so that later corrections of the map reach them.
 
+use std::collections::BTreeMap;
+
 use pfd_geometry::{Pose, Stamp, StampedPose};
-use slotmap::SecondaryMap;
 
 use crate::map::{KeyframeId, Map};
 
@@ -18,8 +19,8 @@ struct Entry {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TrajectoryLog {
     entries: Vec<Entry>,
-    /// Removed keyframes: which one stands in, and `T_removed_standin`.
-    removed: SecondaryMap<KeyframeId, (KeyframeId, Pose)>,
+    /// Removed keyframes: which one stands in, and `T_removed_standin`. Not a map by arena slot: those are used again.
+    removed: BTreeMap<KeyframeId, (KeyframeId, Pose)>,
 }
 
 #[allow(non_snake_case)]
@@ -44,7 +45,7 @@ impl TrajectoryLog {
     pub(crate) fn poses(&self, map: &Map) -> Vec<StampedPose> {
         let place = |entry: &Entry| {
             let (mut id, mut pose) = (entry.reference, entry.T_camera_reference);
-            while let Some((standin, relative)) = self.removed.get(id) {
+            while let Some((standin, relative)) = self.removed.get(&id) {
                 pose *= relative;
                 id = *standin;
             }
@@ -52,5 +53,42 @@ impl TrajectoryLog {
             Some(StampedPose { stamp: entry.stamp, pose: T_camera_world.inverse() })
         };
         self.entries.iter().filter_map(place).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image_features::ImageFeatures;
+    use crate::map::Keyframe;
+    use nalgebra::Vector6;
+    use pfd_geometry::pose;
+
+    /// World to camera, `i` decimetres along.
+    fn pose_at(i: i64) -> Pose {
+        pose::exp(&Vector6::new(0.1 * i as f64, 0.0, 0.0, 0.0, 0.0, 0.0))
+    }
+
+    #[test]
+    fn frames_keep_their_poses_when_keyframes_are_removed_and_their_slots_used_again() {
+        let (mut map, mut log) = (Map::default(), TrajectoryLog::default());
+        let add = |map: &mut Map, log: &mut TrajectoryLog, i: i64| {
+            let (stamp, pose) = (Stamp::from_nanos(i), pose_at(i));
+            let id = map.add_keyframe(Keyframe::new(stamp, i as usize, pose, ImageFeatures::default()));
+            log.push(map, stamp, id, &pose);
+            id
+        };
+        let first = add(&mut map, &mut log, 0);
+        for i in 1..6 {
+            let id = add(&mut map, &mut log, i);
+            log.replace(&map, id, first);
+            map.remove_keyframe(id);
+        }
+        let poses = log.poses(&map);
+        assert_eq!(poses.len(), 6);
+        for (i, found) in poses.iter().enumerate() {
+            let error = pose::log(&(found.pose * pose_at(i as i64)));
+            assert!(error.norm() < 1e-9, "frame {i}: {error}");
+        }
     }
 }
