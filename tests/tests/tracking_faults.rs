@@ -120,6 +120,51 @@ fn a_camera_that_stays_lost_starts_a_segment_that_joins_the_rest_where_it_is_rec
     assert!(error < DISTURBED_ATE, "ATE of both segments {error}");
 }
 
+/// A resting camera before which a textured board is carried past, and the mask of the board.
+fn board(run: &Run, step: usize) -> (RgbdFrame, Mask) {
+    let [left, top, side, tile_side, speed] = [60, 40, 400, 6, 4];
+    const DISTANCE: f32 = 0.8;
+    let background = run.frame(0);
+    let (mut rgb, mut depth) = (background.rgb().clone(), background.depth().image().clone());
+    let mut mask = Mask::empty(640, 480);
+    for y in 0..side {
+        for x in 0..side {
+            let (u, v) = (left + speed * step + x, top + y);
+            // Tiles of any brightness: more corners than the desk has.
+            let tile = (x / tile_side * 7919 + y / tile_side * 104_729) as u32;
+            rgb[(u, v)] = [(tile.wrapping_mul(2_654_435_761) >> 24) as u8; 3];
+            depth[(u, v)] = DISTANCE;
+            mask.set(u, v, true);
+        }
+    }
+    let stamp = background.stamp().offset_by(step as f64 / 30.0);
+    (RgbdFrame::new(stamp, rgb, DepthImage::from_metres(depth)).unwrap(), mask)
+}
+
+/// How far the poses of a resting camera lie apart, metres, when masks know the board from the sixth frame on only.
+fn drift_before_a_board(first_frames: usize) -> f64 {
+    let mut config = TrackingConfig::default();
+    config.mapping.first_frames = first_frames;
+    let mut run = Run::with(&config);
+    for step in 0..15 {
+        let (frame, mask) = board(&run, step);
+        let known = if step < 5 { Mask::empty(640, 480) } else { mask };
+        assert_eq!(run.track(&frame, Some(&known)).state, TrackingState::Ok);
+    }
+    run.tracker.finish();
+    let poses = run.tracker.trajectory();
+    assert_eq!(poses.len(), 15, "every frame keeps its pose");
+    assert!(pose::log(&poses[0].pose).norm() < 1e-9, "the first camera is the origin");
+    poses.iter().map(|p| p.pose.translation.vector.norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn the_first_frames_are_put_right_when_masks_know_what_moved_in_them() {
+    let (with, without) = (drift_before_a_board(6), drift_before_a_board(0));
+    assert!(without > 4.0 * with, "the board pulls the first poses: {without}");
+    assert!(with < 0.005, "{with}, {without} without");
+}
+
 #[test]
 fn every_third_frame_is_enough() {
     let mut run = Run::new();

@@ -4,11 +4,13 @@
 //! of camera and movers. A few frames later the masks are reliable: a map that starts there holds the room alone, and the frames
 //! before are localised in it backwards in time.
 
-use pfd_geometry::{Pose, Stamp};
+use pfd_geometry::{Camera, Pose, Stamp};
 
+use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
+use crate::local_mapping;
 use crate::localization::Localizer;
-use crate::map::MapPointId;
+use crate::map::{Keyframe, Map};
 
 /// A frame that may be tracked again.
 #[derive(Clone, Debug)]
@@ -34,24 +36,30 @@ impl FirstFrames {
         self.frames.len()
     }
 
-    /// Poses (world to camera) of the kept frames, oldest first, in a map with the points `points` that a camera at `start`
-    /// sees one frame after the last of them. `None` when one of them cannot be found there.
-    pub(crate) fn localize(
+    /// Poses of the kept frames and then of `newest`, which follows them, in a map made of `newest` alone. The oldest camera is
+    /// the origin; poses are world to camera. `None` when a frame cannot be found in that map.
+    pub(crate) fn track_back_from(
         &self,
-        localizer: &Localizer<'_>,
-        points: &[MapPointId],
-        start: &Pose,
+        newest: Keyframe,
+        camera: &Camera,
+        config: &TrackingConfig,
     ) -> Option<Vec<(Stamp, Pose)>> {
-        let mut poses = Vec::with_capacity(self.frames.len());
-        let mut pose = *start;
+        let (stamp, pose) = (newest.stamp, newest.T_camera_world);
+        let mut map = Map::default();
+        let id = local_mapping::insert_keyframe(&mut map, camera, config, newest, &[]);
+        let points: Vec<_> = map.keyframe(id)?.observed().map(|(_, point)| point).collect();
+        let localizer = Localizer { camera, config, map: &map };
+        let mut poses = vec![(stamp, pose)];
+        let mut start = pose;
         for frame in self.frames.iter().rev() {
-            let first = localizer.from_prediction(&frame.features, points, &pose)?;
-            let radius = localizer.config.matching.local_map_radius;
-            let found = localizer.in_local_map(&frame.features, &first, radius).unwrap_or(first);
-            pose = found.T_camera_world;
-            poses.push((frame.stamp, pose));
+            let first = localizer.from_prediction(&frame.features, &points, &start)?;
+            let found = localizer.in_local_map(&frame.features, &first, config.matching.local_map_radius);
+            start = found.unwrap_or(first).T_camera_world;
+            poses.push((frame.stamp, start));
         }
         poses.reverse();
+        let world_from_oldest = poses[0].1.inverse();
+        poses.iter_mut().for_each(|(_, pose)| *pose *= world_from_oldest);
         Some(poses)
     }
 }

@@ -239,29 +239,11 @@ impl Tracker {
         if !moving || candidate.features.with_depth() < self.config.pose.min_initial_points {
             return false;
         }
-        let Some(poses) = self.localize_first_frames(&first_frames, candidate) else { return false };
+        let newest =
+            Keyframe::new(candidate.frame.stamp(), self.frame_index, Pose::identity(), candidate.features.clone());
+        let Some(poses) = first_frames.track_back_from(newest, &self.camera, &self.config) else { return false };
         self.replace_map(candidate, &poses);
         true
-    }
-
-    /// Poses of the first frames (first camera to camera) in a map made of `candidate` alone.
-    fn localize_first_frames(
-        &self,
-        first_frames: &FirstFrames,
-        candidate: &Candidate<'_>,
-    ) -> Option<Vec<(Stamp, Pose)>> {
-        let mut map = Map::default();
-        let stamp = candidate.frame.stamp();
-        let keyframe = Keyframe::new(stamp, self.frame_index, Pose::identity(), candidate.features.clone());
-        let id = local_mapping::insert_keyframe(&mut map, &self.camera, &self.config, keyframe, &[]);
-        let points: Vec<_> = map.keyframe(id)?.observed().map(|(_, point)| point).collect();
-        let localizer = Localizer { camera: &self.camera, config: &self.config, map: &map };
-        let mut poses = first_frames.localize(&localizer, &points, &Pose::identity())?;
-        // So far relative to the newest camera; the first one is to be the origin of the world.
-        let newest_from_first = poses.first()?.1.inverse();
-        poses.push((stamp, Pose::identity()));
-        poses.iter_mut().for_each(|(_, pose)| *pose *= newest_from_first);
-        Some(poses)
     }
 
     /// Puts a map made of `candidate` in the place of the present one; `poses` are those of all frames up to it.
