@@ -21,6 +21,8 @@ pub struct Localized {
     pub covariance: Matrix6<f64>,
     /// Share of the associations that agreed with the pose.
     pub consensus: f64,
+    /// Points that were sought by projection, associated or not.
+    pub sought: Vec<MapPointId>,
 }
 
 impl Localized {
@@ -62,7 +64,8 @@ impl Localizer<'_> {
         let radius = self.config.matching.motion_radius;
         let within = |radius: f64| {
             let matches = self.project(features, last_points, predicted, radius);
-            self.solve(features, matches, predicted, self.config.pose.min_inliers)
+            let found = self.solve(features, matches, predicted, self.config.pose.min_inliers)?;
+            Some(Localized { sought: last_points.to_vec(), ..found })
         };
         self.best([&|| within(radius), &|| within(WIDER * radius)])
     }
@@ -103,7 +106,8 @@ impl Localizer<'_> {
     pub fn in_local_map(&self, features: &ImageFeatures, initial: &Localized, radius: f64) -> Option<Localized> {
         let points = self.local_points(initial.matches.iter().map(|m| m.point));
         let matches = self.project(features, &points, &initial.T_camera_world, radius);
-        self.solve(features, matches, &initial.T_camera_world, self.config.pose.min_inliers)
+        let found = self.solve(features, matches, &initial.T_camera_world, self.config.pose.min_inliers)?;
+        Some(Localized { sought: points, ..found })
     }
 
     /// The points of all keyframes that see some of `seen`, and of those keyframes' neighbours.
@@ -159,6 +163,7 @@ impl Localizer<'_> {
             matches,
             covariance: estimate.covariance,
             consensus,
+            sought: Vec::new(),
         })
     }
 }

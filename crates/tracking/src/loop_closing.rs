@@ -57,19 +57,19 @@ pub(crate) fn detect(
     let old = &search.order[..search.order.len().saturating_sub(localizer.config.places.min_loop_gap)];
     let is_earlier = |id: &KeyframeId| old.contains(id) || !search.segments.are_joined(*id, current);
     let connected: Vec<_> = localizer.map.covisible(current).into_iter().map(|(id, _)| id).collect();
+    let is_candidate = |id: &KeyframeId| *id != current && is_earlier(id) && !connected.contains(id);
+    if !search.order.iter().any(is_candidate) {
+        return None;
+    }
     let scores = search.places.query(keyframe.features.descriptors());
     // A loop candidate must look at least as similar as the least similar neighbour.
     let score_of = |id: &KeyframeId| scores.iter().find(|(other, _)| other == id).map_or(0.0, |(_, score)| *score);
     let least = connected.iter().take(FUSED_NEIGHBOURS).map(score_of).reduce(f64::min).unwrap_or(0.0);
-    scores
-        .iter()
-        .filter(|(id, score)| *score >= least && is_earlier(id) && *id != current && !connected.contains(id))
-        .take(CANDIDATES)
-        .find_map(|(earlier, _)| {
-            let located = localizer.locate_by_keyframe(&keyframe.features, *earlier, rng)?;
-            let refined = settle(localizer, current, &located)?;
-            Some(Loop { current, earlier: *earlier, T_camera_world: refined.T_camera_world })
-        })
+    scores.iter().filter(|(id, score)| *score >= least && is_candidate(id)).take(CANDIDATES).find_map(|(earlier, _)| {
+        let located = localizer.locate_by_keyframe(&keyframe.features, *earlier, rng)?;
+        let refined = settle(localizer, current, &located)?;
+        Some(Loop { current, earlier: *earlier, T_camera_world: refined.T_camera_world })
+    })
 }
 
 /// Refines the pose with all points around the earlier keyframe; `None` without enough support.

@@ -1,7 +1,7 @@
 //! Recognition of places by their descriptors, without a vocabulary to load: locality-sensitive hashing of binary descriptors
 //! (Gionis, Indyk and Motwani, VLDB 1999), built while the map grows.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use pfd_vision::features::Descriptor;
 use rand::SeedableRng;
@@ -22,7 +22,7 @@ const COMMON: usize = 8;
 pub struct PlaceIndex {
     /// For each table, which bits of the descriptor form the key.
     bits: Vec<[u8; KEY_BITS]>,
-    buckets: Vec<BTreeMap<u16, Vec<KeyframeId>>>,
+    buckets: Vec<HashMap<u16, Vec<KeyframeId>>>,
     keyframes: usize,
 }
 
@@ -36,7 +36,7 @@ impl PlaceIndex {
             std::array::from_fn(|i| order[i])
         };
         let bits = (0..TABLES).map(|_| draw()).collect();
-        Self { bits, buckets: vec![BTreeMap::new(); TABLES], keyframes: 0 }
+        Self { bits, buckets: vec![HashMap::new(); TABLES], keyframes: 0 }
     }
 
     /// Adds a keyframe.

@@ -344,14 +344,13 @@ impl Tracker {
     }
 
     fn remember(&mut self, candidate: &Candidate<'_>, localized: &Localized) {
-        let local = self.localizer().local_points(localized.matches.iter().map(|m| m.point));
         local_mapping::update_point_memory(
             &mut self.map,
             &self.camera,
             &self.config,
             (candidate.frame.depth(), candidate.mask),
             &localized.T_camera_world,
-            (&local, &localized.matches),
+            (&localized.sought, &localized.matches),
         );
     }
 

@@ -1,8 +1,10 @@
 //! A frame that the map keeps.
 
+use std::collections::BTreeMap;
+
 use pfd_geometry::{Pose, Stamp};
 
-use super::MapPointId;
+use super::{KeyframeId, MapPointId};
 use crate::image_features::ImageFeatures;
 
 /// A frame that the map keeps: its features, its pose, and which map points it sees.
@@ -18,6 +20,8 @@ pub struct Keyframe {
     /// What it shows.
     pub features: ImageFeatures,
     points: Vec<Option<MapPointId>>,
+    /// How many map points each other keyframe shares with this one; at least one.
+    covisible: BTreeMap<KeyframeId, usize>,
 }
 
 impl Keyframe {
@@ -25,7 +29,7 @@ impl Keyframe {
     #[allow(non_snake_case)]
     pub fn new(stamp: Stamp, frame_index: usize, T_camera_world: Pose, features: ImageFeatures) -> Self {
         let points = vec![None; features.len()];
-        Self { stamp, frame_index, T_camera_world, features, points }
+        Self { stamp, frame_index, T_camera_world, features, points, covisible: BTreeMap::new() }
     }
 
     /// The map point that each feature shows.
@@ -36,6 +40,26 @@ impl Keyframe {
     /// Features that show a map point.
     pub fn observed(&self) -> impl Iterator<Item = (usize, MapPointId)> + '_ {
         self.points.iter().enumerate().filter_map(|(feature, point)| Some((feature, (*point)?)))
+    }
+
+    /// How many map points each other keyframe shares with this one.
+    pub(super) fn covisible(&self) -> &BTreeMap<KeyframeId, usize> {
+        &self.covisible
+    }
+
+    /// One more point is shared with `other`.
+    pub(super) fn share_point_with(&mut self, other: KeyframeId) {
+        *self.covisible.entry(other).or_insert(0) += 1;
+    }
+
+    /// One point less is shared with `other`.
+    pub(super) fn unshare_point_with(&mut self, other: KeyframeId) {
+        if let Some(count) = self.covisible.get_mut(&other) {
+            *count -= 1;
+            if *count == 0 {
+                self.covisible.remove(&other);
+            }
+        }
     }
 
     pub(super) fn set_point(&mut self, feature: usize, point: Option<MapPointId>) {

@@ -106,7 +106,11 @@ impl Map {
             return false;
         }
         keyframe.set_point(seen.feature, Some(point));
+        let others: Vec<_> = map_point.observations().iter().map(|other| other.keyframe).collect();
         map_point.add_observation(seen);
+        for other in others {
+            self.link(seen.keyframe, other);
+        }
         self.update_point(point);
         true
     }
@@ -114,24 +118,49 @@ impl Map {
     /// Forgets that `keyframe` saw `point`; a point that nobody sees is removed.
     pub fn remove_observation(&mut self, point: MapPointId, keyframe: KeyframeId) {
         let Some(map_point) = self.points.get_mut(point) else { return };
-        if let Some(feature) = map_point.remove_observation(keyframe)
-            && let Some(keyframe) = self.keyframes.get_mut(keyframe)
-        {
+        let Some(feature) = map_point.remove_observation(keyframe) else { return };
+        let others: Vec<_> = map_point.observations().iter().map(|other| other.keyframe).collect();
+        if let Some(keyframe) = self.keyframes.get_mut(keyframe) {
             keyframe.set_point(feature, None);
         }
-        if map_point.observations().is_empty() {
+        if others.is_empty() {
             self.points.remove(point);
-        } else {
-            self.update_point(point);
+            return;
+        }
+        for other in others {
+            self.unlink(keyframe, other);
+        }
+        self.update_point(point);
+    }
+
+    /// Two keyframes share one more point.
+    fn link(&mut self, a: KeyframeId, b: KeyframeId) {
+        for (one, other) in [(a, b), (b, a)] {
+            if let Some(keyframe) = self.keyframes.get_mut(one) {
+                keyframe.share_point_with(other);
+            }
+        }
+    }
+
+    /// Two keyframes share one point less.
+    fn unlink(&mut self, a: KeyframeId, b: KeyframeId) {
+        for (one, other) in [(a, b), (b, a)] {
+            if let Some(keyframe) = self.keyframes.get_mut(one) {
+                keyframe.unshare_point_with(other);
+            }
         }
     }
 
     /// Removes a map point and every observation of it.
     pub fn remove_point(&mut self, point: MapPointId) {
         let Some(map_point) = self.points.remove(point) else { return };
-        for seen in map_point.observations() {
+        let observations = map_point.observations();
+        for (i, seen) in observations.iter().enumerate() {
             if let Some(keyframe) = self.keyframes.get_mut(seen.keyframe) {
                 keyframe.set_point(seen.feature, None);
+            }
+            for other in &observations[..i] {
+                self.unlink(seen.keyframe, other.keyframe);
             }
         }
     }
@@ -164,10 +193,7 @@ impl Map {
 
     /// How many map points each other keyframe shares with `id`, most first.
     pub fn covisible(&self, id: KeyframeId) -> Vec<(KeyframeId, usize)> {
-        let Some(keyframe) = self.keyframes.get(id) else { return Vec::new() };
-        let mut shared = self.count_observers(keyframe.points().iter().flatten().copied());
-        shared.remove(&id);
-        sorted_by_count(shared)
+        self.keyframes.get(id).map_or_else(Vec::new, |keyframe| sorted_by_count(keyframe.covisible().clone()))
     }
 
     /// How many of `points` each keyframe sees, most first.
@@ -192,7 +218,7 @@ impl Map {
         }
     }
 
-    /// Checks that both ends of every observation agree.
+    /// Checks that both ends of every observation agree, and that the counts of shared points are right.
     ///
     /// # Errors
     /// What is wrong, in words.
@@ -215,6 +241,11 @@ impl Map {
                 if there != Some(feature) {
                     return Err(format!("feature {feature} of {id:?} shows {point:?}, which says {there:?}"));
                 }
+            }
+            let mut shared = self.count_observers(keyframe.points().iter().flatten().copied());
+            shared.remove(&id);
+            if shared != *keyframe.covisible() {
+                return Err(format!("{id:?} shares {shared:?}, but says {:?}", keyframe.covisible()));
             }
         }
         Ok(())
