@@ -1,7 +1,7 @@
 //! Recognition of places by their descriptors, without a vocabulary to load: locality-sensitive hashing of binary descriptors
 //! (Gionis, Indyk and Motwani, VLDB 1999), built while the map grows.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 
 use pfd_vision::features::Descriptor;
 use rand::SeedableRng;
@@ -22,9 +22,13 @@ const COMMON: usize = 8;
 pub struct PlaceIndex {
     /// For each table, which bits of the descriptor form the key.
     bits: Vec<[u8; KEY_BITS]>,
-    buckets: Vec<HashMap<u16, Vec<KeyframeId>>>,
-    keyframes: usize,
+    buckets: Vec<HashMap<u16, Vec<Place>>>,
+    /// The keyframe of each place; `None` where it was removed.
+    keyframes: Vec<Option<KeyframeId>>,
 }
+
+/// Number of a keyframe in the index: small, so that scores are counted in a plain array.
+type Place = u32;
 
 impl PlaceIndex {
     /// An empty index; `seed` draws the bits of its tables.
@@ -36,46 +40,51 @@ impl PlaceIndex {
             std::array::from_fn(|i| order[i])
         };
         let bits = (0..TABLES).map(|_| draw()).collect();
-        Self { bits, buckets: vec![HashMap::new(); TABLES], keyframes: 0 }
+        Self { bits, buckets: vec![HashMap::new(); TABLES], keyframes: Vec::new() }
     }
 
     /// Adds a keyframe.
     pub fn insert<'a>(&mut self, id: KeyframeId, descriptors: impl Iterator<Item = &'a Descriptor>) {
+        let place = self.keyframes.iter().position(Option::is_none).unwrap_or(self.keyframes.len());
+        self.keyframes.resize(self.keyframes.len().max(place + 1), None);
+        self.keyframes[place] = Some(id);
         for descriptor in descriptors {
             for (bits, buckets) in self.bits.iter().zip(&mut self.buckets) {
-                buckets.entry(key(bits, descriptor)).or_default().push(id);
+                buckets.entry(key(bits, descriptor)).or_default().push(place as Place);
             }
         }
-        self.keyframes += 1;
     }
 
     /// Removes a keyframe, given the descriptors with which it was added.
     pub fn remove<'a>(&mut self, id: KeyframeId, descriptors: impl Iterator<Item = &'a Descriptor>) {
+        let Some(place) = self.keyframes.iter().position(|k| *k == Some(id)) else { return };
         for descriptor in descriptors {
             for (bits, buckets) in self.bits.iter().zip(&mut self.buckets) {
                 if let Some(bucket) = buckets.get_mut(&key(bits, descriptor)) {
-                    bucket.retain(|other| *other != id);
+                    bucket.retain(|other| *other as usize != place);
                 }
             }
         }
-        self.keyframes = self.keyframes.saturating_sub(1);
+        self.keyframes[place] = None;
     }
 
     /// Keyframes that look like an image with these descriptors, most alike first, with a score.
     ///
     /// A shared bucket counts the more, the fewer keyframes share it.
     pub fn query<'a>(&self, descriptors: impl Iterator<Item = &'a Descriptor>) -> Vec<(KeyframeId, f64)> {
-        let mut scores: BTreeMap<KeyframeId, f64> = BTreeMap::new();
-        let common = COMMON * self.keyframes.max(1);
+        let mut scores = vec![0.0; self.keyframes.len()];
+        let common = COMMON * self.keyframes.iter().flatten().count().max(1);
         for descriptor in descriptors {
             for (bits, buckets) in self.bits.iter().zip(&self.buckets) {
                 let Some(bucket) = buckets.get(&key(bits, descriptor)).filter(|b| b.len() <= common) else { continue };
-                for id in bucket {
-                    *scores.entry(*id).or_insert(0.0) += 1.0 / bucket.len() as f64;
+                let share = 1.0 / bucket.len() as f64;
+                for place in bucket {
+                    scores[*place as usize] += share;
                 }
             }
         }
-        let mut sorted: Vec<_> = scores.into_iter().collect();
+        let found = self.keyframes.iter().zip(scores).filter(|(_, score)| *score > 0.0);
+        let mut sorted: Vec<_> = found.filter_map(|(id, score)| Some(((*id)?, score))).collect();
         sorted.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
         sorted
     }
