@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix6;
 use pfd_geometry::{Camera, Pose};
+use rand_pcg::Pcg32;
 
 use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
@@ -27,7 +28,7 @@ pub struct Localized {
 
 impl Localized {
     /// Whether most associations agree: a pose that follows from wrong ones gathers few others.
-    fn is_clear(&self) -> bool {
+    pub fn is_clear(&self) -> bool {
         self.consensus >= MIN_CONSENSUS
     }
 }
@@ -84,10 +85,18 @@ impl Localizer<'_> {
         best
     }
 
-    /// Matches the descriptors of a keyframe, without regard to position (section V-D).
-    pub fn from_keyframe(&self, features: &ImageFeatures, keyframe: KeyframeId, initial: &Pose) -> Option<Localized> {
+    /// Matches the descriptors of a keyframe, without regard to position (section V-D). The pose that most of them agree on is the
+    /// start; `initial` where too few have depth to tell.
+    pub fn from_keyframe(
+        &self,
+        features: &ImageFeatures,
+        keyframe: KeyframeId,
+        initial: &Pose,
+        rng: &mut Pcg32,
+    ) -> Option<Localized> {
         let matches = self.match_keyframe(features, keyframe);
-        self.solve(features, matches, initial, self.config.pose.min_inliers)
+        let start = self.sample_consensus(features, &matches, rng).unwrap_or(*initial);
+        self.solve(features, matches, &start, self.config.pose.min_inliers)
     }
 
     /// Points of `keyframe` and the features with like descriptors.
@@ -108,6 +117,12 @@ impl Localizer<'_> {
         let matches = self.project(features, &points, &initial.T_camera_world, radius);
         let found = self.solve(features, matches, &initial.T_camera_world, self.config.pose.min_inliers)?;
         Some(Localized { sought: points, ..found })
+    }
+
+    /// Refines a pose of which only a few points are sure: with a wide search first, so that near and far points join in.
+    pub fn settle(&self, features: &ImageFeatures, first: &Localized) -> Option<Localized> {
+        let wide = self.in_local_map(features, first, self.config.matching.motion_radius)?;
+        self.in_local_map(features, &wide, self.config.matching.local_map_radius)
     }
 
     /// The points of all keyframes that see some of `seen`, and of those keyframes' neighbours.

@@ -75,9 +75,7 @@ pub(crate) fn detect(
 /// Refines the pose with all points around the earlier keyframe; `None` without enough support.
 fn settle(localizer: &Localizer<'_>, current: KeyframeId, first: &Localized) -> Option<Localized> {
     let features = &localizer.map.keyframe(current)?.features;
-    let matching = &localizer.config.matching;
-    let wide = localizer.in_local_map(features, first, matching.motion_radius)?;
-    let settled = localizer.in_local_map(features, &wide, matching.local_map_radius)?;
+    let settled = localizer.settle(features, first)?;
     (settled.matches.len() >= localizer.config.places.min_inliers).then_some(settled)
 }
 

@@ -30,8 +30,7 @@ impl Localizer<'_> {
     ) -> Option<Localized> {
         candidates.take(self.config.places.candidates).find_map(|keyframe| {
             let first = self.locate_by_keyframe(features, keyframe, rng)?;
-            let refined = self.in_local_map(features, &first, self.config.matching.motion_radius)?;
-            let settled = self.in_local_map(features, &refined, self.config.matching.local_map_radius)?;
+            let settled = self.settle(features, &first)?;
             (settled.matches.len() >= min_inliers).then_some(settled)
         })
     }
@@ -49,7 +48,12 @@ impl Localizer<'_> {
     }
 
     /// RANSAC (Fischler and Bolles 1981) over rigid motions of three matches with depth. Returns world to camera.
-    fn sample_consensus(&self, features: &ImageFeatures, matches: &[Match], rng: &mut Pcg32) -> Option<Pose> {
+    pub(crate) fn sample_consensus(
+        &self,
+        features: &ImageFeatures,
+        matches: &[Match],
+        rng: &mut Pcg32,
+    ) -> Option<Pose> {
         let pairs: Vec<_> = matches.iter().filter_map(|m| self.point_pair(features, m)).collect();
         if pairs.len() < MIN_MATCHES {
             return None;

@@ -168,12 +168,19 @@ impl Tracker {
         let features = &candidate.features;
         let predicted = active.motion.predict(candidate.frame.stamp());
         let last = active.motion.T_camera_world();
-        let first = localizer.best([
-            &|| localizer.from_prediction(features, &active.last_points, &predicted),
-            &|| localizer.from_prediction(features, &active.last_points, last),
-            &|| localizer.from_keyframe(features, active.reference, last),
-        ])?;
-        localizer.in_local_map(features, &first, self.config.matching.local_map_radius).or(Some(first))
+        let near = |pose| localizer.from_prediction(features, &active.last_points, pose);
+        let radius = self.config.matching.local_map_radius;
+        let refine = |first: Localized| localizer.in_local_map(features, &first, radius).or(Some(first));
+        let expected = localizer.best([&|| near(&predicted), &|| near(last)]);
+        if expected.as_ref().is_some_and(Localized::is_clear) {
+            return expected.and_then(refine);
+        }
+        let anywhere = localizer.from_keyframe(features, active.reference, last, &mut self.rng.clone());
+        match (expected, anywhere) {
+            (Some(expected), Some(anywhere)) if anywhere.matches.len() <= expected.matches.len() => refine(expected),
+            (expected, Some(anywhere)) => localizer.settle(features, &anywhere).or(Some(anywhere)).or(expected),
+            (expected, None) => expected.and_then(refine),
+        }
     }
 
     fn relocalize(&mut self, features: &ImageFeatures) -> Option<Localized> {
