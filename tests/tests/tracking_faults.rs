@@ -166,6 +166,18 @@ fn the_first_frames_are_put_right_when_masks_know_what_moved_in_them() {
 }
 
 #[test]
+fn a_jump_that_constant_velocity_does_not_predict_is_followed() {
+    let mut run = Run::new();
+    run.play(0..60);
+    // Half a second of motion within one period, as when a driver stalls and stamps what it sends afterwards.
+    let stamp = |i: usize| run.sequence.frame(i).unwrap().stamp();
+    run.delay = stamp(61).seconds_since(stamp(75));
+    let states = run.play(75..110);
+    assert!(states.iter().all(|s| matches!(s, TrackingState::Ok | TrackingState::Relocalized)), "{states:?}");
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
+#[test]
 fn every_third_frame_is_enough() {
     let mut run = Run::new();
     let states = run.play((0..140).step_by(3));

@@ -28,9 +28,22 @@ pub struct Localized {
 
 impl Localized {
     /// Whether most associations agree: a pose that follows from wrong ones gathers few others.
-    pub fn is_clear(&self) -> bool {
+    fn is_clear(&self) -> bool {
         self.consensus >= MIN_CONSENSUS
     }
+}
+
+/// What is known of the camera before a frame is seen; poses are world to camera.
+#[derive(Clone, Copy, Debug)]
+pub struct Expectation<'a> {
+    /// By constant velocity.
+    pub predicted: Pose,
+    /// Of the last frame.
+    pub last: Pose,
+    /// Map points that the last frame showed.
+    pub last_points: &'a [MapPointId],
+    /// The keyframe that shares most points with the last frame.
+    pub reference: KeyframeId,
 }
 
 /// Keyframes that make up the local map at most.
@@ -55,6 +68,23 @@ pub struct Localizer<'a> {
 }
 
 impl Localizer<'_> {
+    /// Follows the camera from the last frame, or failing that from the reference keyframe, and refines in the local map.
+    pub fn follow(&self, features: &ImageFeatures, known: &Expectation<'_>, rng: &mut Pcg32) -> Option<Localized> {
+        let near = |pose| self.from_prediction(features, known.last_points, pose);
+        let refine = |first: Localized| {
+            self.in_local_map(features, &first, self.config.matching.local_map_radius).or(Some(first))
+        };
+        let expected = self.best([&|| near(&known.predicted), &|| near(&known.last)]);
+        if expected.as_ref().is_some_and(Localized::is_clear) {
+            return expected.and_then(refine);
+        }
+        match (expected, self.from_keyframe(features, known.reference, &known.last, rng)) {
+            (Some(expected), Some(anywhere)) if anywhere.matches.len() <= expected.matches.len() => refine(expected),
+            (_, Some(anywhere)) => self.settle(features, &anywhere).or(Some(anywhere)),
+            (expected, None) => expected.and_then(refine),
+        }
+    }
+
     /// Tracks the points of the last frame from a predicted pose (Mur-Artal et al., T-RO 2015, section V-B).
     pub fn from_prediction(
         &self,

@@ -14,7 +14,7 @@ use crate::config::TrackingConfig;
 use crate::first_frames::FirstFrames;
 use crate::image_features::ImageFeatures;
 use crate::local_mapping;
-use crate::localization::{Localized, Localizer};
+use crate::localization::{Expectation, Localized, Localizer};
 use crate::loop_closing;
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
 use crate::map_file::{self, MapFileError};
@@ -162,25 +162,14 @@ impl Tracker {
         Ok(unmasked)
     }
 
-    /// Tracks from the last frame, or failing that from the reference keyframe, and refines in the local map.
     fn follow(&self, active: &Active, candidate: &Candidate<'_>) -> Option<Localized> {
-        let localizer = self.localizer();
-        let features = &candidate.features;
-        let predicted = active.motion.predict(candidate.frame.stamp());
-        let last = active.motion.T_camera_world();
-        let near = |pose| localizer.from_prediction(features, &active.last_points, pose);
-        let radius = self.config.matching.local_map_radius;
-        let refine = |first: Localized| localizer.in_local_map(features, &first, radius).or(Some(first));
-        let expected = localizer.best([&|| near(&predicted), &|| near(last)]);
-        if expected.as_ref().is_some_and(Localized::is_clear) {
-            return expected.and_then(refine);
-        }
-        let anywhere = localizer.from_keyframe(features, active.reference, last, &mut self.rng.clone());
-        match (expected, anywhere) {
-            (Some(expected), Some(anywhere)) if anywhere.matches.len() <= expected.matches.len() => refine(expected),
-            (expected, Some(anywhere)) => localizer.settle(features, &anywhere).or(Some(anywhere)).or(expected),
-            (expected, None) => expected.and_then(refine),
-        }
+        let expectation = Expectation {
+            predicted: active.motion.predict(candidate.frame.stamp()),
+            last: *active.motion.T_camera_world(),
+            last_points: &active.last_points,
+            reference: active.reference,
+        };
+        self.localizer().follow(&candidate.features, &expectation, &mut self.rng.clone())
     }
 
     fn relocalize(&mut self, features: &ImageFeatures) -> Option<Localized> {
