@@ -59,7 +59,9 @@ impl FirstFrames {
         }
         poses.reverse();
         let world_from_oldest = poses[0].1.inverse();
-        poses.iter_mut().for_each(|(_, pose)| *pose *= world_from_oldest);
+        for (_, pose) in &mut poses {
+            *pose *= world_from_oldest;
+        }
         Some(poses)
     }
 }
