@@ -212,13 +212,15 @@ impl Tracker {
         }
     }
 
-    /// Starts the map from a frame with enough depth. The first camera is the origin of the world.
+    /// Starts the map from a frame with enough depth. The first camera is the origin of the world. Unless its mask knew what moves,
+    /// the map is judged again later.
     fn initialize(&mut self, candidate: Candidate<'_>) -> bool {
+        let unknown = !candidate.mask.is_some_and(|mask| mask.fraction() > 0.0);
         let motion = Motion::start(candidate.frame.stamp(), Pose::identity(), Pose::identity());
         let mut first_frames = FirstFrames::default();
         first_frames.push(candidate.frame.stamp(), candidate.features.clone());
         let started = self.start_from(candidate, motion);
-        self.first_frames = (started && self.config.mapping.first_frames > 0).then_some(first_frames);
+        self.first_frames = (started && unknown && self.config.mapping.first_frames > 0).then_some(first_frames);
         started
     }
 
