@@ -214,6 +214,24 @@ impl WriterSendBuffer {
     Self::unacknowledged(inner) < inner.window_limit as i64
   }
 
+  // PATCHED: drops what every reader has acknowledged and History does not ask for.
+  // Without it such samples stay until the cache-cleaning timer comes round after
+  // 6 s, which is 160 MB for images at 30 Hz.
+  fn evict_acknowledged(shared: &Shared, inner: &mut Inner) {
+    if !shared.evicts || !shared.volatile || !inner.reliable_readers_present {
+      return;
+    }
+    while inner.changes.len() > inner.max_retain {
+      match inner.changes.keys().next().copied() {
+        Some(oldest) if oldest < inner.acked_before && oldest <= inner.sent_frontier => {
+          inner.changes.remove(&oldest);
+          inner.first_seq = oldest.plus_1();
+        }
+        _ => return,
+      }
+    }
+  }
+
   // Wake every parked producer / ack-waiter. Called after any state change that
   // could let someone make progress.
   fn wake_all(inner: &mut Inner, progress: &Condvar) {
@@ -306,6 +324,7 @@ impl WriterSendBuffer {
     let cc = CacheChange::new(shared.writer_guid, seq, write_options, data);
     inner.changes.insert(seq, cc);
     inner.last_seq = seq;
+    Self::evict_acknowledged(shared, inner);
 
     // KeepLast "newest wins" bound. Applied on insert for:
     //  - non-blocking best-effort writes: never throttled at admission (`has_room`
