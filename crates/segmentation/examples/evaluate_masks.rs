@@ -1,6 +1,6 @@
 //! Runs segmentation over sequences with exact masks and prints precision, recall, IoU, wrongly masked static pixels and time.
 //!
-//! `cargo run --release -p pfd-segmentation --example evaluate -- --mode pfd --set pfd.static_model=false SEQUENCE...`
+//! `cargo run --release -p pfd-segmentation --example evaluate_masks -- --mode pfd --set pfd.static_model=false SEQUENCE...`
 #![allow(clippy::print_stdout)]
 
 use std::path::{Path, PathBuf};

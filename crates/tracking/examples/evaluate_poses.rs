@@ -1,6 +1,6 @@
 //! Tracks sequences and prints their absolute trajectory error.
 //!
-//! `cargo run --release -p pfd-tracking --example evaluate -- [--masks] [--seed N] [--step N] [--config JSON] SEQUENCE...`
+//! `cargo run --release -p pfd-tracking --example evaluate_poses -- [--masks] [--seed N] [--step N] [--config JSON] SEQUENCE...`
 //! With `--masks` the ground-truth masks in `mask/` are used; without, none. `--step` leaves frames out: faster motion.
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
