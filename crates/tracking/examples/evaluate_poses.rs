@@ -39,7 +39,7 @@ fn evaluate(path: &Path, use_masks: bool, config: &TrackingConfig, seed: u64, st
     let mut last = None;
     for i in (0..sequence.len()).step_by(step) {
         let frame = sequence.frame(i).unwrap();
-        let mask = use_masks.then(|| read_mask(path, &sequence.pair(i).rgb_path));
+        let mask = (use_masks && path.join("mask").is_dir()).then(|| read_mask(path, &sequence.pair(i).rgb_path));
         let start = std::time::Instant::now();
         let tracked = tracker.track(&frame, mask.as_ref()).unwrap();
         times.push(start.elapsed().as_secs_f64() * 1e3);
@@ -58,7 +58,7 @@ fn evaluate(path: &Path, use_masks: bool, config: &TrackingConfig, seed: u64, st
     let quantile = |values: &[f64], q| pfd_evaluation::statistics::quantile(values, q).unwrap();
     let last = last.unwrap();
     println!(
-        "{:28} masks {} tracked {}/{} ATE {:.4} live {:.4} inliers median {:.0} min {:.0} keyframes {} points {} ms median {:.1} p99 {:.1}",
+        "{:28} masks {} tracked {}/{} ATE {:.4} live {:.4} inliers median {:.0} min {:.0} keyframes {} points {} readout {:.1} ms, ms a frame median {:.1} p99 {:.1}",
         sequence.name(),
         u8::from(use_masks),
         ok,
@@ -69,6 +69,7 @@ fn evaluate(path: &Path, use_masks: bool, config: &TrackingConfig, seed: u64, st
         quantile(&inliers, 0.0),
         last.keyframes,
         last.map_points,
+        tracker.readout() * 1e3,
         quantile(&times, 0.5),
         quantile(&times, 0.99),
     );

@@ -16,6 +16,10 @@ pub struct TrackingConfig {
     pub depth_noise: DepthNoise,
     /// Data association.
     pub matching: MatchingConfig,
+    /// Positions of corners by grey levels.
+    pub alignment: AlignmentConfig,
+    /// Rows that are exposed one after the other.
+    pub rolling_shutter: RollingShutterConfig,
     /// When a frame counts as tracked.
     pub pose: PoseConfig,
     /// When a frame becomes a keyframe, and what is kept.
@@ -35,6 +39,8 @@ impl Default for TrackingConfig {
             features: FeatureConfig::default(),
             depth_noise: DepthNoise { offset: SYSTEMATIC, ..DepthNoise::default() },
             matching: MatchingConfig::default(),
+            alignment: AlignmentConfig::default(),
+            rolling_shutter: RollingShutterConfig::default(),
             pose: PoseConfig::default(),
             mapping: MappingConfig::default(),
             bundle_adjustment: BundleAdjustmentConfig::default(),
@@ -110,6 +116,45 @@ pub struct MatchingConfig {
 impl Default for MatchingConfig {
     fn default() -> Self {
         Self { max_distance: 80, max_ratio: 0.85, motion_radius: 15.0, local_map_radius: 8.0 }
+    }
+}
+
+/// Alignment of grey levels: a corner that shows a known point is placed where its surroundings look like those in the first
+/// keyframe that saw the point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AlignmentConfig {
+    /// Off: corners stay where the detector puts them.
+    pub enabled: bool,
+    /// Standard deviation of an aligned corner's position, pixels of its pyramid level.
+    #[schemars(range(min = 0.05, max = 5.0))]
+    pub sigma: f64,
+    /// Surroundings that correlate less are not the same.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub min_correlation: f64,
+}
+
+impl Default for AlignmentConfig {
+    fn default() -> Self {
+        Self { enabled: true, sigma: 0.35, min_correlation: 0.8 }
+    }
+}
+
+/// Rolling shutter of the colour camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RollingShutterConfig {
+    /// Learn the readout time from the images. Off: it is `readout`.
+    pub estimate: bool,
+    /// Time from the first row to the last, seconds, as far as it is known: 0 for a global shutter, some 0.02 for a Kinect or an
+    /// Xtion; negative for an image that was turned upside down.
+    #[schemars(range(min = -0.05, max = 0.05))]
+    pub readout: f64,
+}
+
+impl Default for RollingShutterConfig {
+    fn default() -> Self {
+        Self { estimate: true, readout: 0.0 }
     }
 }
 

@@ -3,9 +3,11 @@
 use nalgebra::{Point2, Point3};
 use pfd_geometry::{Camera, DepthImage, DepthNoise, RgbdFrame};
 use pfd_vision::features::{Descriptor, Feature};
+use pfd_vision::patch::Patch;
 
 use crate::config::TrackingConfig;
 use crate::residual::Measurement;
+use crate::rolling_shutter::Shutter;
 
 /// Side of the cells of the spatial index, pixels.
 const CELL: usize = 16;
@@ -17,17 +19,26 @@ const SURFACE_SLOPE: f32 = 0.008;
 /// Features of an image.
 #[derive(Clone, Debug, Default)]
 pub struct ImageFeatures {
+    size: (usize, usize),
     features: Vec<Feature>,
+    /// As in the image.
+    raw: Vec<Measurement>,
+    /// As at the time of the middle row.
     measurements: Vec<Measurement>,
     colors: Vec<[u8; 3]>,
+    patches: Vec<Option<Patch>>,
+    shutter: Shutter,
     grid: Grid,
 }
+
+/// Depth (metres) that is assumed where no feature has any, to correct for the motion during the readout.
+const TYPICAL_DEPTH: f64 = 2.0;
 
 impl ImageFeatures {
     /// Adds depth and an index to extracted features.
     pub fn new(features: Vec<Feature>, frame: &RgbdFrame, config: &TrackingConfig) -> Self {
         let options = config.features.options();
-        let measurements = features
+        let measurements: Vec<_> = features
             .iter()
             .map(|feature| Measurement {
                 pixel: Point2::new(f64::from(feature.u), f64::from(feature.v)),
@@ -37,8 +48,15 @@ impl ImageFeatures {
             .collect();
         let color = |f: &Feature| frame.rgb().nearest(f.u.into(), f.v.into()).copied().unwrap_or_default();
         let colors = features.iter().map(color).collect();
-        let grid = Grid::new(frame.rgb().size(), &features);
-        Self { features, measurements, colors, grid }
+        Self::from_parts(frame.rgb().size(), features, measurements, colors)
+    }
+
+    /// Adds the surroundings of the features, in their order.
+    #[must_use]
+    pub fn with_patches(mut self, patches: Vec<Option<Patch>>) -> Self {
+        self.patches = patches;
+        self.patches.resize(self.features.len(), None);
+        self
     }
 
     /// Rebuilds the index over stored features, for maps read from files.
@@ -48,8 +66,9 @@ impl ImageFeatures {
         measurements: Vec<Measurement>,
         colors: Vec<[u8; 3]>,
     ) -> Self {
-        let grid = Grid::new(size, &features);
-        Self { features, measurements, colors, grid }
+        let grid = Grid::new(size, &measurements);
+        let (patches, raw) = (vec![None; features.len()], measurements.clone());
+        Self { size, features, raw, measurements, colors, patches, shutter: Shutter::default(), grid }
     }
 
     /// Number of features.
@@ -67,9 +86,45 @@ impl ImageFeatures {
         &self.features[index]
     }
 
-    /// Position, depth and uncertainty of feature `index`.
+    /// Position, depth and uncertainty of feature `index`, as a camera sees it that exposes all rows with the middle one.
     pub fn measurement(&self, index: usize) -> &Measurement {
         &self.measurements[index]
+    }
+
+    /// Position, depth and uncertainty of feature `index` as they are in the image.
+    pub fn raw(&self, index: usize) -> &Measurement {
+        &self.raw[index]
+    }
+
+    /// How the camera moved while it read out the image.
+    pub fn shutter(&self) -> &Shutter {
+        &self.shutter
+    }
+
+    /// Refers all measurements to the time of the middle row.
+    pub fn set_shutter(&mut self, camera: &Camera, shutter: Shutter) {
+        self.shutter = shutter;
+        let depth = self.median_depth().unwrap_or(TYPICAL_DEPTH);
+        self.measurements.clear();
+        self.measurements.extend(self.raw.iter().map(|raw| shutter.at_middle_row(camera, raw, depth)));
+        self.grid = Grid::new(self.size, &self.measurements);
+    }
+
+    fn median_depth(&self) -> Option<f64> {
+        let mut depths: Vec<f64> = self.raw.iter().filter_map(|m| m.depth.map(|d| d.0)).collect();
+        let middle = depths.len().checked_sub(1)? / 2;
+        Some(*depths.select_nth_unstable_by(middle, f64::total_cmp).1)
+    }
+
+    /// The surroundings of feature `index`, where they are known.
+    pub fn patch(&self, index: usize) -> Option<&Patch> {
+        self.patches[index].as_ref()
+    }
+
+    /// Corrects the position of feature `index` in the image. It counts from the next [`Self::set_shutter`] on.
+    pub fn set_position(&mut self, index: usize, pixel: Point2<f64>, sigma: f64) {
+        let raw = &mut self.raw[index];
+        (raw.pixel, raw.sigma) = (pixel, sigma);
     }
 
     /// Colour at feature `index`.
@@ -139,12 +194,12 @@ struct Grid {
 }
 
 impl Grid {
-    fn new((width, height): (usize, usize), features: &[Feature]) -> Self {
+    fn new((width, height): (usize, usize), measurements: &[Measurement]) -> Self {
         let (columns, rows) = (width.div_ceil(CELL).max(1), height.div_ceil(CELL).max(1));
         let mut cells = vec![Vec::new(); columns * rows];
-        for (index, feature) in features.iter().enumerate() {
-            let column = (feature.u.max(0.0) as usize / CELL).min(columns - 1);
-            let row = (feature.v.max(0.0) as usize / CELL).min(rows - 1);
+        for (index, measured) in measurements.iter().enumerate() {
+            let column = (measured.pixel.x.max(0.0) as usize / CELL).min(columns - 1);
+            let row = (measured.pixel.y.max(0.0) as usize / CELL).min(rows - 1);
             cells[row * columns + column].push(index as u32);
         }
         Self { columns, rows, cells }

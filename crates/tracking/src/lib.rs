@@ -3,6 +3,7 @@
 //! [`Tracker::track`] takes a frame and the mask of what moves in it (from wherever), and returns the pose. Nothing here knows
 //! how masks are made, or ROS.
 
+mod alignment;
 mod background;
 pub mod bundle_adjustment;
 pub mod config;
@@ -21,6 +22,7 @@ pub mod pose_optimization;
 mod relocalization;
 pub mod residual;
 mod result;
+pub mod rolling_shutter;
 mod segments;
 mod tracker;
 mod trajectory;

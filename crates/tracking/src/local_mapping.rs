@@ -6,6 +6,7 @@ use pfd_geometry::{Camera, DepthImage, Mask, Pose};
 use crate::config::TrackingConfig;
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId, Observation};
 use crate::matching::{Match, match_by_projection, predict};
+use crate::rolling_shutter::Shutter;
 
 /// Neighbours with which the points of a new keyframe are fused.
 const FUSE_NEIGHBOURS: usize = 10;
@@ -21,6 +22,9 @@ const MIN_CONTRADICTIONS: u32 = 5;
 const CONTRADICTION_SIGMAS: f64 = 6.0;
 /// Frames that should have seen a point before its share of finds says something.
 const MIN_VISIBLE: u32 = 10;
+
+/// A change of the readout time (seconds) by less than this is not worth a correction: 0.05 pixels at 50 pixels per frame.
+const READOUT_TOLERANCE: f64 = 1e-3;
 
 /// Adds a keyframe with its matches and a new point for every unmatched feature with depth.
 pub fn insert_keyframe(
@@ -50,6 +54,27 @@ fn create_points(map: &mut Map, camera: &Camera, config: &TrackingConfig, id: Ke
         .collect();
     for (feature, position) in new {
         map.add_point(position, Observation { keyframe: id, feature });
+    }
+}
+
+/// Corrects the measurements of keyframes that were made with another readout time; points that only one of them sees follow.
+pub fn refresh_shutters(map: &mut Map, camera: &Camera, readout: f64) {
+    let differs = |k: &Keyframe| (k.features.shutter().readout - readout).abs() > READOUT_TOLERANCE;
+    let stale: Vec<_> = map.keyframes().filter(|(_, k)| differs(k)).map(|(id, _)| id).collect();
+    for id in stale {
+        let Some(keyframe) = map.keyframe_mut(id) else { continue };
+        let shutter = Shutter { readout, ..*keyframe.features.shutter() };
+        keyframe.features.set_shutter(camera, shutter);
+        let from_camera = keyframe.T_camera_world.inverse();
+        let moved: Vec<_> = keyframe
+            .observed()
+            .filter_map(|(f, point)| Some((point, from_camera * keyframe.features.point_in_camera(f, camera)?)))
+            .collect();
+        for (id, position) in moved {
+            if let Some(point) = map.point_mut(id).filter(|p| p.observations().len() == 1) {
+                point.position = position;
+            }
+        }
     }
 }
 

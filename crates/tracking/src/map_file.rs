@@ -5,18 +5,20 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Point2, Point3, Quaternion, Translation3, UnitQuaternion};
+use nalgebra::{Isometry3, Point2, Point3, Quaternion, Translation3, UnitQuaternion, Vector6};
 use pfd_geometry::{Camera, Pose, Stamp, pose};
 use pfd_vision::features::{Descriptor, Feature};
+use pfd_vision::patch::Patch;
 use serde::{Deserialize, Serialize};
 
 use crate::image_features::ImageFeatures;
 use crate::map::{Counts, Keyframe, KeyframeId, Map, Observation};
 use crate::residual::Measurement;
+use crate::rolling_shutter::Shutter;
 
 const MAGIC: &[u8; 8] = b"PFDSLAM\0";
 /// Raised whenever [`MapRecord`], the descriptor or its pattern change.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
 /// A larger file (bytes) is refused before it is read.
 const MAX_FILE_SIZE: u64 = 4 << 30;
@@ -77,6 +79,9 @@ struct KeyframeRecord {
     /// Of `T_camera_world`: x y z, then the quaternion x y z w.
     translation: [f64; 3],
     rotation: [f64; 4],
+    /// Of [`Shutter`].
+    velocity: [f64; 6],
+    readout: f64,
     features: Vec<FeatureRecord>,
 }
 
@@ -90,6 +95,14 @@ struct FeatureRecord {
     sigma: f64,
     depth: Option<(f64, f64)>,
     color: [u8; 3],
+    /// Of features that show a map point.
+    patch: Option<PatchRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct PatchRecord {
+    centre: [i32; 2],
+    pixels: Vec<u8>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -134,7 +147,7 @@ pub fn load(path: &Path, camera: &Camera) -> Result<(Map, Vec<KeyframeId>), MapF
     if record.camera != camera_record(camera) {
         return Err(MapFileError::OtherCamera(path.to_owned()));
     }
-    restore(&record).ok_or_else(|| damaged("inconsistent"))
+    restore(&record, camera).ok_or_else(|| damaged("inconsistent"))
 }
 
 fn payload<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], MapFileError> {
@@ -176,9 +189,11 @@ fn record(map: &Map, order: &[KeyframeId], camera: &Camera) -> MapRecord {
 
 fn keyframe_record(keyframe: &Keyframe) -> KeyframeRecord {
     let feature = |i: usize| {
-        let (feature, measured) = (keyframe.features.feature(i), keyframe.features.measurement(i));
+        let (feature, measured) = (keyframe.features.feature(i), keyframe.features.raw(i));
+        let shows_point = keyframe.points()[i].is_some();
+        let patch = keyframe.features.patch(i).filter(|_| shows_point);
         FeatureRecord {
-            position: (feature.u, feature.v),
+            position: (measured.pixel.x as f32, measured.pixel.y as f32),
             angle: feature.angle,
             level: feature.level,
             response: feature.response,
@@ -186,6 +201,7 @@ fn keyframe_record(keyframe: &Keyframe) -> KeyframeRecord {
             sigma: measured.sigma,
             depth: measured.depth,
             color: keyframe.features.color(i),
+            patch: patch.map(|p| PatchRecord { centre: p.centre(), pixels: p.pixels().to_vec() }),
         }
     };
     KeyframeRecord {
@@ -193,16 +209,17 @@ fn keyframe_record(keyframe: &Keyframe) -> KeyframeRecord {
         frame_index: keyframe.frame_index as u64,
         translation: keyframe.T_camera_world.translation.vector.into(),
         rotation: keyframe.T_camera_world.rotation.coords.into(),
+        velocity: keyframe.features.shutter().velocity.into(),
+        readout: keyframe.features.shutter().readout,
         features: (0..keyframe.features.len()).map(feature).collect(),
     }
 }
 
 /// `None` when indices or numbers make no sense.
-fn restore(record: &MapRecord) -> Option<(Map, Vec<KeyframeId>)> {
+fn restore(record: &MapRecord, camera: &Camera) -> Option<(Map, Vec<KeyframeId>)> {
     let mut map = Map::default();
-    let size = (record.camera.size.0 as usize, record.camera.size.1 as usize);
     let keyframes: Option<Vec<_>> =
-        record.keyframes.iter().map(|k| Some(map.add_keyframe(restore_keyframe(k, size)?))).collect();
+        record.keyframes.iter().map(|k| Some(map.add_keyframe(restore_keyframe(k, camera)?))).collect();
     let keyframes = keyframes?;
     for point in &record.points {
         let observe =
@@ -219,7 +236,7 @@ fn restore(record: &MapRecord) -> Option<(Map, Vec<KeyframeId>)> {
     Some((map, keyframes))
 }
 
-fn restore_keyframe(record: &KeyframeRecord, size: (usize, usize)) -> Option<Keyframe> {
+fn restore_keyframe(record: &KeyframeRecord, camera: &Camera) -> Option<Keyframe> {
     let [x, y, z, w] = record.rotation;
     let quaternion = Quaternion::new(w, x, y, z);
     // Not renormalised, so that a map that is loaded and saved again stays the same to the byte.
@@ -227,12 +244,9 @@ fn restore_keyframe(record: &KeyframeRecord, size: (usize, usize)) -> Option<Key
     let rotation =
         ((quaternion.norm() - 1.0).abs() < UNIT_TOLERANCE).then(|| UnitQuaternion::new_unchecked(quaternion))?;
     let restored: Pose = Isometry3::from_parts(Translation3::from(record.translation), rotation);
-    let plausible = |f: &FeatureRecord| {
-        let inside = f.position.0 >= 0.0 && f.position.1 >= 0.0;
-        let depth = f.depth.is_none_or(|(z, sigma)| z.is_finite() && z > 0.0 && sigma.is_finite() && sigma > 0.0);
-        inside && depth && f.position.0.is_finite() && f.position.1.is_finite() && f.sigma.is_finite() && f.sigma > 0.0
-    };
-    if !pose::is_finite(&restored) || !record.features.iter().all(plausible) {
+    let velocity = Vector6::from(record.velocity);
+    let moves = velocity.iter().all(|x| x.is_finite()) && record.readout.is_finite();
+    if !pose::is_finite(&restored) || !moves || !record.features.iter().all(is_plausible) {
         return None;
     }
     let feature = |f: &FeatureRecord| Feature {
@@ -248,13 +262,23 @@ fn restore_keyframe(record: &KeyframeRecord, size: (usize, usize)) -> Option<Key
         sigma: f.sigma,
         depth: f.depth,
     };
-    let features = ImageFeatures::from_parts(
-        size,
+    let patch = |f: &FeatureRecord| f.patch.as_ref().map(|p| Patch::from_parts(p.centre, &p.pixels));
+    let patches = record.features.iter().map(|f| patch(f).map_or(Some(None), |p| p.map(Some)));
+    let mut features = ImageFeatures::from_parts(
+        (camera.width, camera.height),
         record.features.iter().map(feature).collect(),
         record.features.iter().map(measurement).collect(),
         record.features.iter().map(|f| f.color).collect(),
-    );
+    )
+    .with_patches(patches.collect::<Option<_>>()?);
+    features.set_shutter(camera, Shutter { velocity, readout: record.readout });
     Some(Keyframe::new(Stamp::from_nanos(record.stamp), record.frame_index as usize, restored, features))
+}
+
+fn is_plausible(f: &FeatureRecord) -> bool {
+    let inside = f.position.0 >= 0.0 && f.position.1 >= 0.0;
+    let depth = f.depth.is_none_or(|(z, sigma)| z.is_finite() && z > 0.0 && sigma.is_finite() && sigma > 0.0);
+    inside && depth && f.position.0.is_finite() && f.position.1.is_finite() && f.sigma.is_finite() && f.sigma > 0.0
 }
 
 #[cfg(test)]
@@ -281,13 +305,18 @@ mod tests {
             sigma: 1.2,
             depth: i.is_multiple_of(2).then_some((1.5, 0.02)),
         };
+        let shutter = Shutter { velocity: nalgebra::Vector6::new(0.1, -0.2, 0.0, 0.3, 0.0, 0.1), readout: 0.02 };
+        let patch = |i: i32| Patch::cut(&[7; 100 * 100], 100, [20 + i, 30]);
         let features = || {
-            ImageFeatures::from_parts(
+            let mut features = ImageFeatures::from_parts(
                 (640, 480),
                 (0..20).map(feature).collect(),
                 (0..20).map(measured).collect(),
                 (0..20).map(|i| [i as u8; 3]).collect(),
             )
+            .with_patches((0..20).map(patch).collect());
+            features.set_shutter(&test_camera(), shutter);
+            features
         };
         let mut map = Map::default();
         let pose = pose::exp(&nalgebra::Vector6::new(0.1, 0.2, 0.3, 0.1, -0.2, 0.05));
@@ -313,6 +342,11 @@ mod tests {
         let (restored, restored_order) = load(&path, &camera).unwrap();
         assert_eq!((restored.keyframe_count(), restored.point_count()), (2, 15));
         assert_eq!(restored.check(), Ok(()));
+        let view = |map: &Map, order: &[KeyframeId]| map.keyframe(order[1]).unwrap().features.clone();
+        let (before, after) = (view(&map, &order), view(&restored, &restored_order));
+        assert_eq!((after.shutter(), after.patch(3)), (before.shutter(), before.patch(3)));
+        assert!((after.measurement(3).pixel - before.measurement(3).pixel).norm() < 1e-3);
+        assert_eq!(after.patch(19), None, "that feature shows no point");
         save(&again, &restored, &restored_order, &camera).unwrap();
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&again).unwrap());
         let other = Camera { fx: 500.0, ..camera };
@@ -352,7 +386,7 @@ mod tests {
         #[test]
         fn forged_payloads_do_not_panic(payload in prop::collection::vec(any::<u8>(), 0..300)) {
             if let Ok(record) = postcard::from_bytes::<MapRecord>(&payload)
-                && let Some((map, _)) = restore(&record) {
+                && let Some((map, _)) = restore(&record, &test_camera()) {
                 prop_assert_eq!(map.check(), Ok(()));
             }
         }

@@ -1,5 +1,6 @@
 //! Constant-velocity prediction, and the continuous odometry frame.
 
+use nalgebra::Vector6;
 use pfd_geometry::{Pose, Stamp, pose};
 
 /// A gap longer than this (seconds) says nothing about the velocity.
@@ -31,6 +32,25 @@ impl Motion {
             return self.T_camera_world;
         }
         pose::exp(&(pose::log(&self.velocity) * (elapsed / self.interval))) * self.T_camera_world
+    }
+
+    /// Twist of the camera per second in its own frame (`exp(ξ·t) · T_camera_world`) between the last two poses.
+    pub(crate) fn velocity(&self) -> Vector6<f64> {
+        if self.interval <= 0.0 { Vector6::zeros() } else { pose::log(&self.velocity) / self.interval }
+    }
+
+    /// The same at `stamp`, when the camera is at `T_camera_world`; zero after a gap. The mean over the last interval is that of
+    /// its middle; the change since the interval before makes it that of its end.
+    pub(crate) fn velocity_at(&self, stamp: Stamp, T_camera_world: &Pose) -> Vector6<f64> {
+        let elapsed = stamp.seconds_since(self.stamp);
+        if elapsed <= 0.0 || elapsed > MAX_EXTRAPOLATION {
+            return Vector6::zeros();
+        }
+        let mean = pose::log(&(T_camera_world * self.T_camera_world.inverse())) / elapsed;
+        if self.interval <= 0.0 {
+            return mean;
+        }
+        mean + (mean - self.velocity()) * (elapsed / (elapsed + self.interval))
     }
 
     /// Records the pose at `stamp`.
@@ -71,7 +91,18 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector6;
+
+    #[test]
+    fn velocity_at_the_end_of_an_interval_counts_acceleration() {
+        let at = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
+        // Along x with 2 m/s².
+        let pose = |t: f64| pose::exp(&Vector6::new(t * t, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let mut motion = Motion::start(at(0), pose(0.0), Pose::identity());
+        motion.update(at(30), pose(0.03));
+        assert!((motion.velocity().x - 0.03).abs() < 1e-9);
+        assert!((motion.velocity_at(at(70), &pose(0.07)).x - 0.14).abs() < 1e-9);
+        assert_eq!(motion.velocity_at(at(5000), &pose(0.07)), Vector6::zeros());
+    }
 
     #[test]
     fn constant_velocity_is_extrapolated_in_proportion_to_time() {

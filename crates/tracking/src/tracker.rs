@@ -2,12 +2,13 @@
 
 use std::path::Path;
 
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector6};
 use pfd_geometry::{Camera, Mask, Pose, RgbdFrame, StageTimes, Stamp, StampedPose};
 use pfd_vision::features::FeatureExtractor;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 
+use crate::alignment;
 use crate::background::PendingAdjustment;
 use crate::bundle_adjustment::{self, BundleProblem};
 use crate::config::TrackingConfig;
@@ -21,6 +22,7 @@ use crate::map_file::{self, MapFileError};
 use crate::motion::Motion;
 use crate::places::PlaceIndex;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
+use crate::rolling_shutter::{Readout, Shutter};
 use crate::segments::Segments;
 use crate::trajectory::TrajectoryLog;
 
@@ -47,6 +49,8 @@ pub struct Tracker {
     lost_since: Option<Stamp>,
     /// Kept until the map was judged by masks that know what moves.
     first_frames: Option<FirstFrames>,
+    /// A property of the camera: it outlives the map.
+    readout: Readout,
 }
 
 /// What is known while (and after) a map exists.
@@ -91,6 +95,7 @@ impl Tracker {
             segments: Segments::default(),
             lost_since: None,
             first_frames: None,
+            readout: Readout::new(config.rolling_shutter.readout),
         })
     }
 
@@ -109,6 +114,7 @@ impl Tracker {
         self.last_stamp = Some(frame.stamp());
         let mut candidate = Candidate { frame, mask, features };
         let localized = timing.measure("localize", || self.localize(&mut candidate))?;
+        let localized = timing.measure("refine", || localized.map(|found| self.refine(&mut candidate.features, found)));
         let tracked = timing.measure("map", || self.integrate(candidate, localized));
         self.frame_index += 1;
         Ok(TrackedFrame { timing, ..tracked })
@@ -116,7 +122,12 @@ impl Tracker {
 
     fn extract(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<ImageFeatures, TrackingError> {
         let features = self.extractor.extract(frame.gray(), mask, self.config.features.mask_margin)?;
-        Ok(ImageFeatures::new(features, frame, &self.config))
+        let patches = self.extractor.patches(&features)?;
+        let mut features = ImageFeatures::new(features, frame, &self.config).with_patches(patches);
+        let followed = self.active.as_ref().filter(|_| self.state != TrackingState::Lost);
+        let velocity = followed.map(|active| active.motion.velocity()).unwrap_or_default();
+        features.set_shutter(&self.camera, Shutter { velocity, readout: self.readout.seconds() });
+        Ok(features)
     }
 
     fn localizer(&self) -> Localizer<'_> {
@@ -138,6 +149,33 @@ impl Tracker {
             return Ok(self.relocalize(&candidate.features));
         }
         Ok(followed)
+    }
+
+    /// Places the corners that show known points to a fraction of a pixel, refers them to the time of the middle row, and estimates
+    /// the pose again; the readout time is learnt from what is left.
+    fn refine(&mut self, features: &mut ImageFeatures, localized: Localized) -> Localized {
+        let Some(active) = &self.active else { return localized };
+        let Localized { T_camera_world, matches, .. } = &localized;
+        if self.config.alignment.enabled {
+            alignment::align(&self.localizer(), T_camera_world, matches, features);
+        }
+        let velocity = match self.state {
+            // A camera that was lost may be anywhere.
+            TrackingState::Lost => Vector6::zeros(),
+            _ => active.motion.velocity_at(self.last_stamp.unwrap_or_default(), T_camera_world),
+        };
+        features.set_shutter(&self.camera, Shutter { velocity, readout: self.readout.seconds() });
+        let again = self.localizer().solve(features, matches.clone(), T_camera_world, self.config.pose.min_inliers);
+        let Some(refined) = again.filter(|r| 2 * r.matches.len() > localized.matches.len()) else {
+            // Not the velocity that the camera has.
+            features.set_shutter(&self.camera, Shutter::default());
+            return localized;
+        };
+        if self.config.rolling_shutter.estimate {
+            let points = refined.matches.iter().filter_map(|m| Some((self.map.point(m.point)?.position, m.feature)));
+            self.readout.observe(&self.camera, &refined.T_camera_world, features, points);
+        }
+        Localized { sought: localized.sought, ..refined }
     }
 
     fn follow_with_or_without_mask(
@@ -381,6 +419,7 @@ impl Tracker {
         // The adjustment that was just taken over may have moved the pose.
         let pose = self.active.as_ref().map_or(localized.T_camera_world, |a| *a.motion.T_camera_world());
         let keyframe = Keyframe::new(candidate.frame.stamp(), self.frame_index, pose, candidate.features);
+        local_mapping::refresh_shutters(&mut self.map, &self.camera, self.readout.seconds());
         let id = self.insert_keyframe(keyframe, &localized.matches);
         local_mapping::cull_points(&mut self.map, &self.config, &self.keyframe_order);
         self.cull_keyframes(id);
@@ -489,7 +528,7 @@ impl Tracker {
         self.take_over_adjustment(true);
     }
 
-    /// Forgets the map and everything else; configuration and camera stay.
+    /// Forgets the map and everything else; configuration and camera, with its readout time, stay.
     pub fn reset(&mut self) {
         self.take_over_adjustment(true);
         self.map = Map::default();
@@ -531,12 +570,18 @@ impl Tracker {
         }
         if let Some((reference, keyframe)) = order.last().and_then(|id| Some((*id, map.keyframe(*id)?))) {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
+            self.readout = Readout::new(keyframe.features.shutter().readout);
             self.active = Some(Active { motion, reference, last_points: Vec::new() });
             self.state = TrackingState::Lost;
             self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
         }
         (self.map, self.keyframe_order) = (map, order);
         Ok(())
+    }
+
+    /// The estimated time from the first to the last row of an image, seconds.
+    pub fn readout(&self) -> f64 {
+        self.readout.seconds()
     }
 
     /// The map.

@@ -6,6 +6,7 @@ use pfd_geometry::{GrayImage, Mask};
 
 use crate::convert::{VisionError, gray_as_mat};
 use crate::orb_pattern::{BITS, DIRECTIONS, PATTERN, RADIUS};
+use crate::patch::Patch;
 
 /// A 256-bit binary descriptor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -119,6 +120,22 @@ impl FeatureExtractor {
             self.extract_level(level, mask.map(|m| (m, margin)), &mut features)?;
         }
         Ok(features)
+    }
+
+    /// The surroundings of features of the last image.
+    ///
+    /// # Errors
+    /// When OpenCV fails.
+    pub fn patches(&self, features: &[Feature]) -> Result<Vec<Option<Patch>>, VisionError> {
+        let levels = self.levels.iter().map(|l| Ok((l.image.data_typed::<u8>()?, l.image.cols() as usize)));
+        let levels = levels.collect::<Result<Vec<_>, VisionError>>()?;
+        let cut = |feature: &Feature| {
+            let (pixels, stride) = *levels.get(usize::from(feature.level))?;
+            let scale = self.options.level_scale(feature.level);
+            let on_level = |c: f32| ((f64::from(c) + 0.5) / scale - 0.5).round() as i32;
+            Patch::cut(pixels, stride, [on_level(feature.u), on_level(feature.v)])
+        };
+        Ok(features.iter().map(cut).collect())
     }
 
     fn build_pyramid(&mut self, image: &GrayImage) -> Result<(), VisionError> {

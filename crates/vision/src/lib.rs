@@ -8,6 +8,7 @@ pub mod corners;
 pub mod features;
 pub mod optical_flow;
 mod orb_pattern;
+pub mod patch;
 pub mod two_view;
 pub mod warp;
 
