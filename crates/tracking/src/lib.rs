@@ -19,6 +19,7 @@ mod motion;
 pub mod places;
 pub mod pose_graph;
 pub mod pose_optimization;
+mod refinement;
 mod relocalization;
 pub mod residual;
 mod result;

@@ -25,6 +25,8 @@ const MIN_VISIBLE: u32 = 10;
 
 /// A change of the readout time (seconds) by less than this is not worth a correction: 0.05 pixels at 50 pixels per frame.
 const READOUT_TOLERANCE: f64 = 1e-3;
+/// Keyframes that are corrected in one frame at most, so that a large map does not hold up tracking.
+const REFRESHED: usize = 20;
 
 /// Adds a keyframe with its matches and a new point for every unmatched feature with depth.
 pub fn insert_keyframe(
@@ -57,23 +59,27 @@ fn create_points(map: &mut Map, camera: &Camera, config: &TrackingConfig, id: Ke
     }
 }
 
-/// Corrects the measurements of keyframes that were made with another readout time; points that only one of them sees follow.
+/// Corrects the measurements of some keyframes that were made with another readout time.
 pub fn refresh_shutters(map: &mut Map, camera: &Camera, readout: f64) {
     let differs = |k: &Keyframe| (k.features.shutter().readout - readout).abs() > READOUT_TOLERANCE;
-    let stale: Vec<_> = map.keyframes().filter(|(_, k)| differs(k)).map(|(id, _)| id).collect();
+    let stale: Vec<_> = map.keyframes().filter(|(_, k)| differs(k)).map(|(id, _)| id).take(REFRESHED).collect();
     for id in stale {
-        let Some(keyframe) = map.keyframe_mut(id) else { continue };
+        let Some(keyframe) = map.keyframe(id) else { continue };
         let shutter = Shutter { readout, ..*keyframe.features.shutter() };
-        keyframe.features.set_shutter(camera, shutter);
-        let from_camera = keyframe.T_camera_world.inverse();
-        let moved: Vec<_> = keyframe
-            .observed()
-            .filter_map(|(f, point)| Some((point, from_camera * keyframe.features.point_in_camera(f, camera)?)))
-            .collect();
-        for (id, position) in moved {
-            if let Some(point) = map.point_mut(id).filter(|p| p.observations().len() == 1) {
-                point.position = position;
-            }
+        set_shutter(map, camera, id, shutter);
+    }
+}
+
+/// Corrects the measurements of a keyframe; points that only it sees follow.
+pub fn set_shutter(map: &mut Map, camera: &Camera, id: KeyframeId, shutter: Shutter) {
+    let Some(keyframe) = map.keyframe_mut(id) else { return };
+    keyframe.features.set_shutter(camera, shutter);
+    let from_camera = keyframe.T_camera_world.inverse();
+    let place = |(feature, point)| Some((point, from_camera * keyframe.features.point_in_camera(feature, camera)?));
+    let moved: Vec<_> = keyframe.observed().filter_map(place).collect();
+    for (id, position) in moved {
+        if let Some(point) = map.point_mut(id).filter(|p| p.observations().len() == 1) {
+            point.position = position;
         }
     }
 }

@@ -53,6 +53,19 @@ impl Motion {
         mean + (mean - self.velocity()) * (elapsed / (elapsed + self.interval))
     }
 
+    /// The velocity at the last pose, when the camera came to be at `T_camera_world` at `stamp` after it: by both intervals.
+    pub(crate) fn velocity_between(&self, stamp: Stamp, T_camera_world: &Pose) -> Vector6<f64> {
+        let elapsed = stamp.seconds_since(self.stamp);
+        if elapsed <= 0.0 || elapsed > MAX_EXTRAPOLATION {
+            return self.velocity();
+        }
+        let after = pose::log(&(T_camera_world * self.T_camera_world.inverse())) / elapsed;
+        if self.interval <= 0.0 {
+            return after;
+        }
+        (self.velocity() * elapsed + after * self.interval) / (elapsed + self.interval)
+    }
+
     /// Records the pose at `stamp`.
     pub(crate) fn update(&mut self, stamp: Stamp, T_camera_world: Pose) {
         self.velocity = T_camera_world * self.T_camera_world.inverse();
@@ -102,6 +115,7 @@ mod tests {
         assert!((motion.velocity().x - 0.03).abs() < 1e-9);
         assert!((motion.velocity_at(at(70), &pose(0.07)).x - 0.14).abs() < 1e-9);
         assert_eq!(motion.velocity_at(at(5000), &pose(0.07)), Vector6::zeros());
+        assert!((motion.velocity_between(at(70), &pose(0.07)).x - 0.06).abs() < 1e-9);
     }
 
     #[test]

@@ -5,10 +5,11 @@
 //! driver states, is estimated from what the poses leave unexplained (on the effect in RGB-D SLAM: Kerl, Stückler and Cremers,
 //! ICCV 2015; in bundle adjustment: Hedborg et al., CVPR 2012).
 
-use nalgebra::{Matrix6, Point3, Vector6};
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 use pfd_geometry::{Camera, Pose};
 
 use crate::image_features::ImageFeatures;
+use crate::map::{Map, MapPoint};
 use crate::residual::{Measurement, linearize};
 
 /// How the camera moved while it read out an image.
@@ -25,12 +26,55 @@ impl Shutter {
     pub fn at_middle_row(&self, camera: &Camera, raw: &Measurement, depth: f64) -> Measurement {
         let time = row_time(camera, raw.pixel.y) * self.readout;
         let then = camera.unproject(&raw.pixel, raw.depth.map_or(depth, |(z, _)| z));
-        let (linear, angular) = (self.velocity.fixed_rows::<3>(0), self.velocity.fixed_rows::<3>(3));
-        let middle = then - (linear + angular.cross(&then.coords)) * time;
+        let middle = then - self.motion_of(&then) * time;
         match camera.project(&middle) {
             Some(pixel) => Measurement { pixel, depth: raw.depth.map(|(_, sigma)| (middle.z, sigma)), ..*raw },
             None => *raw,
         }
+    }
+
+    /// Velocity of a static point in the camera frame, metres per second.
+    fn motion_of(&self, point: &Point3<f64>) -> Vector3<f64> {
+        self.velocity.fixed_rows::<3>(0) + self.velocity.fixed_rows::<3>(3).cross(&point.coords)
+    }
+}
+
+/// A map point and the feature that shows it.
+#[derive(Clone, Copy, Debug)]
+pub struct Sighting {
+    /// Position in the world, metres.
+    pub point: Point3<f64>,
+    /// Index of the feature.
+    pub feature: usize,
+    /// How the position depends on the readout time.
+    pub placement: Placement,
+}
+
+/// How the position of a map point depends on the readout time for which its views were corrected.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Placement {
+    /// Change of the position in the world, metres per second of readout.
+    by_readout: Vector3<f64>,
+    /// The readout time by which it was placed, seconds.
+    readout: f64,
+}
+
+impl Placement {
+    /// The mean over the keyframes that see `point`.
+    #[allow(non_snake_case)]
+    pub fn of(map: &Map, camera: &Camera, point: &MapPoint) -> Self {
+        let (mut sum, mut count) = (Self::default(), 0.0);
+        for seen in point.observations() {
+            let Some(keyframe) = map.keyframe(seen.keyframe) else { continue };
+            let shutter = keyframe.features.shutter();
+            let there = keyframe.T_camera_world * point.position;
+            let time = row_time(camera, keyframe.features.raw(seen.feature).pixel.y);
+            sum.by_readout -= keyframe.T_camera_world.rotation.inverse() * shutter.motion_of(&there) * time;
+            sum.readout += shutter.readout;
+            count += 1.0;
+        }
+        let count = f64::max(count, 1.0);
+        Self { by_readout: sum.by_readout / count, readout: sum.readout / count }
     }
 }
 
@@ -42,7 +86,7 @@ fn row_time(camera: &Camera, v: f64) -> f64 {
 /// Standard deviation of the readout time before anything was seen, seconds.
 const PRIOR_SIGMA: f64 = 0.01;
 /// Error of the estimate from one frame that is not noise: velocity that changes, points that were placed by another estimate.
-const FRAME_SIGMA: f64 = 0.008;
+const FRAME_SIGMA: f64 = 0.005;
 /// Error that the estimate gains per frame, so that what the first map got wrong is forgotten: old frames count for one twentieth
 /// of a new one's error each.
 const DRIFT_SIGMA: f64 = 0.05 * FRAME_SIGMA;
@@ -67,14 +111,14 @@ impl Readout {
         self.seconds
     }
 
-    /// Learns from a frame: points in the world with the features that show them, whose shutter has the present readout time.
+    /// Learns from a frame with the present readout time.
     #[allow(non_snake_case)]
     pub fn observe(
         &mut self,
         camera: &Camera,
         T_camera_world: &Pose,
         features: &ImageFeatures,
-        seen: impl Iterator<Item = (Point3<f64>, usize)>,
+        seen: impl Iterator<Item = Sighting>,
     ) {
         let Some((error, information)) = measure(camera, T_camera_world, features, seen) else { return };
         let systematic = FRAME_SIGMA * FRAME_SIGMA;
@@ -94,19 +138,22 @@ fn measure(
     camera: &Camera,
     T_camera_world: &Pose,
     features: &ImageFeatures,
-    seen: impl Iterator<Item = (Point3<f64>, usize)>,
+    seen: impl Iterator<Item = Sighting>,
 ) -> Option<(f64, f64)> {
-    let velocity = features.shutter().velocity;
+    let Shutter { velocity, readout } = *features.shutter();
     let (mut by_pose, mut mixed, mut by_readout) = (Matrix6::<f64>::zeros(), Vector6::zeros(), 0.0);
     let (mut pose_gradient, mut readout_gradient) = (Vector6::zeros(), 0.0);
-    for (point, feature) in seen {
+    for Sighting { point, feature, placement } in seen {
         let Some(linear) = linearize(camera, T_camera_world, &point, features.measurement(feature)) else { continue };
-        let change = linear.by_pose * velocity * row_time(camera, features.raw(feature).pixel.y);
+        let in_map = linear.by_point * placement.by_readout;
+        let change = linear.by_pose * velocity * row_time(camera, features.raw(feature).pixel.y) + in_map;
+        // What it would be if the map knew as much as the frame.
+        let residual = linear.residual + in_map * (readout - placement.readout);
         by_pose += linear.by_pose.transpose() * linear.by_pose;
         mixed += linear.by_pose.transpose() * change;
         by_readout += change.norm_squared();
-        pose_gradient += linear.by_pose.transpose() * linear.residual;
-        readout_gradient += change.dot(&linear.residual);
+        pose_gradient += linear.by_pose.transpose() * residual;
+        readout_gradient += change.dot(&residual);
     }
     // The Schur complement of the pose.
     let eliminated = by_pose.cholesky()?.solve(&mixed);
@@ -119,11 +166,12 @@ fn measure(
 mod tests {
     use super::*;
     use nalgebra::Point2;
-    use pfd_geometry::{Distortion, pose};
+    use pfd_geometry::{Distortion, Stamp, pose};
     use pfd_vision::features::{Descriptor, Feature};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg32;
 
+    use crate::map::{Keyframe, Observation};
     use crate::pose_optimization::{PoseObservation, optimize_pose};
 
     fn camera() -> Camera {
@@ -181,7 +229,8 @@ mod tests {
             let observe = |(i, p): (usize, &Point3<f64>)| PoseObservation { point: *p, measured: *seen.measurement(i) };
             let observations: Vec<_> = world.iter().enumerate().map(observe).collect();
             let found = optimize_pose(&camera(), &observations, &Pose::identity()).unwrap().T_camera_world;
-            readout.observe(&camera(), &found, &seen, world.iter().copied().enumerate().map(|(i, p)| (p, i)));
+            let sighting = |(feature, point)| Sighting { point, feature, placement: Placement::default() };
+            readout.observe(&camera(), &found, &seen, world.iter().copied().enumerate().map(sighting));
         }
         readout.seconds()
     }
@@ -193,6 +242,30 @@ mod tests {
             assert!((learnt - truth).abs() < 1e-3, "{learnt} instead of {truth}");
         }
         assert!(learn(0.022, true).abs() < 1e-9, "a camera at rest tells nothing");
+    }
+
+    #[test]
+    fn the_map_depends_on_the_readout_time_as_its_placement_says() {
+        let velocity = Vector6::new(0.3, -0.4, 0.2, 0.2, 0.3, -0.4);
+        let world = points(&mut Pcg32::seed_from_u64(3));
+        let seen = features(world.iter().map(|p| expose(p, &velocity, 0.02)).collect());
+        let mut keyframe = Keyframe::new(Stamp::default(), 0, pose::exp(&Vector6::from_element(0.2)), seen);
+        let mut place = |readout: f64, feature: usize| {
+            keyframe.features.set_shutter(&camera(), Shutter { velocity, readout });
+            keyframe.T_camera_world.inverse() * keyframe.features.point_in_camera(feature, &camera()).unwrap()
+        };
+        let (step, readout) = (1e-3, 0.02);
+        let differences: Vec<_> = (0..20).map(|i| (place(readout + step, i) - place(readout, i)) / step).collect();
+        let mut map = Map::default();
+        let id = map.add_keyframe(keyframe);
+        for (feature, difference) in differences.iter().enumerate() {
+            let view = map.keyframe(id).unwrap();
+            let position = view.T_camera_world.inverse() * view.features.point_in_camera(feature, &camera()).unwrap();
+            let point = map.add_point(position, Observation { keyframe: id, feature }).unwrap();
+            let placement = Placement::of(&map, &camera(), map.point(point).unwrap());
+            assert!((placement.by_readout - difference).norm() < 0.02 * difference.norm() + 1e-3, "feature {feature}");
+            assert!((placement.readout - readout).abs() < 1e-12);
+        }
     }
 
     #[test]

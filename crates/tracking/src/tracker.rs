@@ -8,7 +8,6 @@ use pfd_vision::features::FeatureExtractor;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 
-use crate::alignment;
 use crate::background::PendingAdjustment;
 use crate::bundle_adjustment::{self, BundleProblem};
 use crate::config::TrackingConfig;
@@ -19,10 +18,12 @@ use crate::localization::{Expectation, Localized, Localizer};
 use crate::loop_closing;
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
 use crate::map_file::{self, MapFileError};
+use crate::matching::Match;
 use crate::motion::Motion;
 use crate::places::PlaceIndex;
+use crate::refinement::Refinement;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
-use crate::rolling_shutter::{Readout, Shutter};
+use crate::rolling_shutter::Shutter;
 use crate::segments::Segments;
 use crate::trajectory::TrajectoryLog;
 
@@ -49,8 +50,8 @@ pub struct Tracker {
     lost_since: Option<Stamp>,
     /// Kept until the map was judged by masks that know what moves.
     first_frames: Option<FirstFrames>,
-    /// A property of the camera: it outlives the map.
-    readout: Readout,
+    /// With the readout time, a property of the camera: it outlives the map.
+    refinement: Refinement,
 }
 
 /// What is known while (and after) a map exists.
@@ -95,7 +96,7 @@ impl Tracker {
             segments: Segments::default(),
             lost_since: None,
             first_frames: None,
-            readout: Readout::new(config.rolling_shutter.readout),
+            refinement: Refinement::new(config.rolling_shutter.readout),
         })
     }
 
@@ -109,6 +110,7 @@ impl Tracker {
             return Err(TrackingError::OutOfOrder { stamp: frame.stamp(), last });
         }
         let mut timing = StageTimes::default();
+        local_mapping::refresh_shutters(&mut self.map, &self.camera, self.refinement.readout());
         let features = timing.measure("features", || self.extract(frame, mask))?;
         timing.measure("take over map", || self.take_over_adjustment(false));
         self.last_stamp = Some(frame.stamp());
@@ -126,7 +128,7 @@ impl Tracker {
         let mut features = ImageFeatures::new(features, frame, &self.config).with_patches(patches);
         let followed = self.active.as_ref().filter(|_| self.state != TrackingState::Lost);
         let velocity = followed.map(|active| active.motion.velocity()).unwrap_or_default();
-        features.set_shutter(&self.camera, Shutter { velocity, readout: self.readout.seconds() });
+        features.set_shutter(&self.camera, Shutter { velocity, readout: self.refinement.readout() });
         Ok(features)
     }
 
@@ -151,31 +153,17 @@ impl Tracker {
         Ok(followed)
     }
 
-    /// Places the corners that show known points to a fraction of a pixel, refers them to the time of the middle row, and estimates
-    /// the pose again; the readout time is learnt from what is left.
-    fn refine(&mut self, features: &mut ImageFeatures, localized: Localized) -> Localized {
-        let Some(active) = &self.active else { return localized };
-        let Localized { T_camera_world, matches, .. } = &localized;
-        if self.config.alignment.enabled {
-            alignment::align(&self.localizer(), T_camera_world, matches, features);
-        }
+    /// Makes the most of a pose that was found: see [`Refinement`].
+    #[allow(non_snake_case)]
+    fn refine(&mut self, features: &mut ImageFeatures, found: Localized) -> Localized {
+        let Some(active) = &self.active else { return found };
         let velocity = match self.state {
             // A camera that was lost may be anywhere.
             TrackingState::Lost => Vector6::zeros(),
-            _ => active.motion.velocity_at(self.last_stamp.unwrap_or_default(), T_camera_world),
+            _ => active.motion.velocity_at(self.last_stamp.unwrap_or_default(), &found.T_camera_world),
         };
-        features.set_shutter(&self.camera, Shutter { velocity, readout: self.readout.seconds() });
-        let again = self.localizer().solve(features, matches.clone(), T_camera_world, self.config.pose.min_inliers);
-        let Some(refined) = again.filter(|r| 2 * r.matches.len() > localized.matches.len()) else {
-            // Not the velocity that the camera has.
-            features.set_shutter(&self.camera, Shutter::default());
-            return localized;
-        };
-        if self.config.rolling_shutter.estimate {
-            let points = refined.matches.iter().filter_map(|m| Some((self.map.point(m.point)?.position, m.feature)));
-            self.readout.observe(&self.camera, &refined.T_camera_world, features, points);
-        }
-        Localized { sought: localized.sought, ..refined }
+        let localizer = Localizer { camera: &self.camera, config: &self.config, map: &self.map };
+        self.refinement.refine(&localizer, velocity, features, found)
     }
 
     fn follow_with_or_without_mask(
@@ -349,6 +337,9 @@ impl Tracker {
         if let Some(reference) = reference {
             self.segments.enter(reference);
         }
+        if !was_lost {
+            self.revise_last_velocity(stamp, &localized.T_camera_world);
+        }
         if let Some(active) = &mut self.active {
             if was_lost {
                 active.motion.restart(stamp, localized.T_camera_world);
@@ -372,6 +363,18 @@ impl Tracker {
         self.take_over_adjustment(true);
         self.add_keyframe(candidate, localized);
         true
+    }
+
+    /// When the last frame became a keyframe, its velocity follows better from the intervals on both sides of it.
+    #[allow(non_snake_case)]
+    fn revise_last_velocity(&mut self, stamp: Stamp, T_camera_world: &Pose) {
+        let (Some(active), Some(&newest)) = (&self.active, self.keyframe_order.last()) else { return };
+        let Some(keyframe) = self.map.keyframe(newest).filter(|k| k.frame_index + 1 == self.frame_index) else {
+            return;
+        };
+        let velocity = active.motion.velocity_between(stamp, T_camera_world);
+        let shutter = Shutter { velocity, ..*keyframe.features.shutter() };
+        local_mapping::set_shutter(&mut self.map, &self.camera, newest, shutter);
     }
 
     /// The keyframe that shares most points with the frame.
@@ -408,7 +411,7 @@ impl Tracker {
             .count();
         let matched = localized.matches.len();
         let few = (matched as f64) < self.config.mapping.keyframe_inlier_ratio * of_reference as f64;
-        let with_depth = |m: &&crate::matching::Match| candidate.features.measurement(m.feature).depth.is_some();
+        let with_depth = |m: &&Match| candidate.features.measurement(m.feature).depth.is_some();
         let matched_with_depth = localized.matches.iter().filter(with_depth).count();
         let new = candidate.features.with_depth().saturating_sub(matched_with_depth);
         let wanted = self.config.mapping.wanted_points;
@@ -419,7 +422,6 @@ impl Tracker {
         // The adjustment that was just taken over may have moved the pose.
         let pose = self.active.as_ref().map_or(localized.T_camera_world, |a| *a.motion.T_camera_world());
         let keyframe = Keyframe::new(candidate.frame.stamp(), self.frame_index, pose, candidate.features);
-        local_mapping::refresh_shutters(&mut self.map, &self.camera, self.readout.seconds());
         let id = self.insert_keyframe(keyframe, &localized.matches);
         local_mapping::cull_points(&mut self.map, &self.config, &self.keyframe_order);
         self.cull_keyframes(id);
@@ -461,7 +463,7 @@ impl Tracker {
         self.loops
     }
 
-    fn insert_keyframe(&mut self, keyframe: Keyframe, matches: &[crate::matching::Match]) -> KeyframeId {
+    fn insert_keyframe(&mut self, keyframe: Keyframe, matches: &[Match]) -> KeyframeId {
         let id = local_mapping::insert_keyframe(&mut self.map, &self.camera, &self.config, keyframe, matches);
         if let Some(keyframe) = self.map.keyframe(id) {
             self.places.insert(id, keyframe.features.descriptors());
@@ -570,7 +572,7 @@ impl Tracker {
         }
         if let Some((reference, keyframe)) = order.last().and_then(|id| Some((*id, map.keyframe(*id)?))) {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
-            self.readout = Readout::new(keyframe.features.shutter().readout);
+            self.refinement = Refinement::new(keyframe.features.shutter().readout);
             self.active = Some(Active { motion, reference, last_points: Vec::new() });
             self.state = TrackingState::Lost;
             self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
@@ -581,7 +583,7 @@ impl Tracker {
 
     /// The estimated time from the first to the last row of an image, seconds.
     pub fn readout(&self) -> f64 {
-        self.readout.seconds()
+        self.refinement.readout()
     }
 
     /// The map.
