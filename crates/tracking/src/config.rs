@@ -33,8 +33,9 @@ pub struct TrackingConfig {
 impl Default for TrackingConfig {
     fn default() -> Self {
         // Depth and colour of a Kinect are up to half a frame apart: 16 ms at a hand-held 0.5 m/s are 8 mm, and calibration is
-        // off by one or two centimetres at 2 m (Khoshelham and Oude Elberink 2012, section 5).
-        const SYSTEMATIC: f64 = 0.02;
+        // off by one or two centimetres at 2 m (Khoshelham and Oude Elberink 2012, section 5). All corners of a frame share these
+        // errors, which therefore count twice what they are.
+        const SYSTEMATIC: f64 = 0.04;
         Self {
             features: FeatureConfig::default(),
             depth_noise: DepthNoise { offset: SYSTEMATIC, ..DepthNoise::default() },
