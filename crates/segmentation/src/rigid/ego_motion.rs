@@ -40,6 +40,8 @@ pub(crate) struct EgoMotion {
 const PIXEL_SIGMA: f32 = 0.35;
 /// Squared normalised residual (3 degrees of freedom, 99 %) up to which a track agrees.
 const INLIER_CHI2: f32 = 11.3;
+/// Agreement within this share of it counts twice: corners of a camera at rest do not move at all, which few other motions explain.
+const SHARP: f32 = 0.05;
 /// Points in a sample: three fix a rigid motion, the fourth damps noise.
 const SAMPLE: usize = 4;
 /// Samples drawn; with 40 % inliers one in forty samples of four is clean.
@@ -68,17 +70,19 @@ pub(crate) fn estimate(
     let mut best = (f32::NEG_INFINITY, Pose::identity());
     let everything: Vec<usize> = (0..tracks.len()).collect();
     let starts = [*guess, Pose::identity()].map(|start| problem.refine(start, &everything, REFINE_STEPS));
+    // A camera at rest, from which a wide scale would slide to a mixture of camera and movers.
+    let rest = problem.refine_from(Pose::identity(), &everything, REFINE_STEPS, INLIER_CHI2);
     let sampled = (0..HYPOTHESES).map(|_| {
         let subset = sample(rng, tracks.len(), SAMPLE).into_vec();
         problem.fit_sample(*guess, &subset)
     });
-    for hypothesis in starts.into_iter().chain(sampled).flatten() {
+    for hypothesis in starts.into_iter().chain([rest]).chain(sampled).flatten() {
         let score = problem.score(&hypothesis);
         if score > best.0 {
             best = (score, hypothesis);
         }
     }
-    let refined = problem.refine(best.1, &everything, REFINE_STEPS)?;
+    let refined = problem.refine_from(best.1, &everything, REFINE_STEPS, INLIER_CHI2)?;
     Some(problem.summarise(refined))
 }
 
@@ -118,7 +122,9 @@ impl Problem<'_> {
 
     fn score(&self, hypothesis: &Pose) -> f32 {
         let motion = Motion::from(hypothesis);
-        self.tracks.iter().map(|t| t.weight * (1.0 - self.squared(&motion, t) / INLIER_CHI2).max(0.0)).sum()
+        let share = |squared: f32, limit: f32| (1.0 - squared / limit).max(0.0);
+        let fit = |squared| share(squared, INLIER_CHI2) + share(squared, SHARP * INLIER_CHI2);
+        self.tracks.iter().map(|t| t.weight * fit(self.squared(&motion, t))).sum()
     }
 
     /// Unweighted Gauss-Newton on a minimal sample.
@@ -132,8 +138,12 @@ impl Problem<'_> {
 
     /// Iteratively reweighted Gauss-Newton with the Geman-McClure loss, its scale annealed from wide to the noise level.
     fn refine(&self, start: Pose, subset: &[usize], steps: usize) -> Option<Pose> {
+        self.refine_from(start, subset, steps, INLIER_CHI2 * 8.0)
+    }
+
+    /// The same with a loss that is `scale` wide at first.
+    fn refine_from(&self, start: Pose, subset: &[usize], steps: usize, mut scale: f32) -> Option<Pose> {
         let mut pose = start;
-        let mut scale = INLIER_CHI2 * 8.0;
         for _ in 0..steps {
             pose = self.step(&pose, subset, |squared| {
                 let k = scale / (scale + squared);
