@@ -11,8 +11,8 @@ use crate::rolling_shutter::Shutter;
 
 /// Side of the cells of the spatial index, pixels.
 const CELL: usize = 16;
-/// Depth differences beyond this many standard deviations belong to different surfaces.
-const SURFACE_GAP_SIGMAS: f32 = 4.0;
+/// Depth differences beyond this many standard deviations belong to different surfaces: neighbours share the systematic part.
+const SURFACE_GAP_SIGMAS: f32 = 2.0;
 /// Relative depth difference that a slanted surface may have between neighbouring pixels: about 75 degrees of slant.
 const SURFACE_SLOPE: f32 = 0.008;
 
