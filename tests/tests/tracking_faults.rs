@@ -263,11 +263,23 @@ fn a_saved_map_is_recognised_and_left_as_it_is() {
     config.mapping.enabled = false;
     second.tracker = Tracker::new(second.sequence.camera().unwrap(), &config, 0).unwrap();
     second.tracker.load_map(&path).unwrap();
+    let places = |tracker: &Tracker| tracker.map_points().iter().map(|p| p.position).collect::<Vec<_>>();
+    let before = places(&second.tracker);
     let states = second.play(50..90);
+    assert_eq!(places(&second.tracker), before);
     assert_eq!(states[0], TrackingState::Relocalized);
     assert!(states[1..].iter().all(|s| *s == TrackingState::Ok));
     assert_eq!(second.tracker.map().keyframe_count(), first.tracker.map().keyframe_count());
     assert!(second.ate() < DISTURBED_ATE, "ATE {}", second.ate());
+}
+
+/// The Kinect that took the sequence has a rolling shutter.
+#[test]
+fn the_readout_time_of_the_camera_is_learnt() {
+    let mut run = Run::new();
+    run.play(0..100);
+    let readout = run.tracker.readout();
+    assert!((0.015..0.027).contains(&readout), "{readout} s");
 }
 
 #[test]

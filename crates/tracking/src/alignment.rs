@@ -3,7 +3,7 @@
 //! A detector places a corner anew in every image, half a pixel off now and then. Aligned with the first keyframe that saw its map
 //! point, it keeps its place (Forster et al., T-RO 2017, section V; Lindenberger et al., ICCV 2021, for what that is worth).
 
-use nalgebra::{Matrix2, Point2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2, Point2, Vector2};
 use pfd_geometry::Pose;
 
 use crate::image_features::ImageFeatures;
@@ -46,18 +46,13 @@ fn find(
     let here = options.level_scale(level);
     let there = options.level_scale(keyframe.features.feature(reference).level);
     let warp = deformation(localizer, T_camera_world, keyframe, point, REACH * here)? * (here / there);
-    let start = on_level(&features.raw(feature).pixel, here);
-    let at = on_level(&keyframe.features.raw(reference).pixel, there);
+    let on_level = |p: &Point2<f64>, level: u8| p.coords.map(|c| options.to_level(c, level) as f32);
+    let start = on_level(&features.raw(feature).pixel, level);
+    let at = on_level(&keyframe.features.raw(reference).pixel, keyframe.features.feature(reference).level);
     let warp = warp.map(|x| x as f32);
     let found = features.patch(feature)?.align(start, keyframe.features.patch(reference)?, at, &warp)?;
-    let full = |c: f32| (f64::from(c) + 0.5) * here - 0.5;
     let similar = f64::from(found.correlation) >= localizer.config.alignment.min_correlation;
-    similar.then(|| Point2::new(full(found.position.x), full(found.position.y)))
-}
-
-/// From pixels of the full-size image to those of a level on which a pixel is `scale` times as large.
-fn on_level(pixel: &Point2<f64>, scale: f64) -> Vector2<f32> {
-    pixel.coords.map(|c| ((c + 0.5) / scale - 0.5) as f32)
+    similar.then(|| Point2::from(found.position.map(|c| options.from_level(c.into(), level))))
 }
 
 /// The oldest keyframe that saw the point from about this direction and distance, and its feature.
@@ -68,19 +63,13 @@ fn first_view<'a>(
     level: u8,
     point: &MapPoint,
 ) -> Option<(&'a Keyframe, usize)> {
-    let direction = viewing_direction(T_camera_world, point);
+    let direction = point.direction_from(T_camera_world);
     let mut views = point.observations().iter().filter_map(|o| Some((localizer.map.keyframe(o.keyframe)?, o.feature)));
     views.find(|(keyframe, feature)| {
-        direction.dot(&viewing_direction(&keyframe.T_camera_world, point)) > MIN_VIEWING_COSINE
+        direction.dot(&point.direction_from(&keyframe.T_camera_world)) > MIN_VIEWING_COSINE
             && keyframe.features.feature(*feature).level.abs_diff(level) <= MAX_LEVELS
             && keyframe.features.patch(*feature).is_some()
     })
-}
-
-#[allow(non_snake_case)]
-fn viewing_direction(T_camera_world: &Pose, point: &MapPoint) -> Vector3<f64> {
-    let centre = T_camera_world.inverse_transform_point(&Point3::origin());
-    (point.position - centre).try_normalize(f64::EPSILON).unwrap_or_default()
 }
 
 /// Pixels of the keyframe per pixel of this image around `point`, over `reach` pixels, for a surface parallel to the image.

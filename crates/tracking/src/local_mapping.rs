@@ -23,7 +23,8 @@ const CONTRADICTION_SIGMAS: f64 = 6.0;
 /// Frames that should have seen a point before its share of finds says something.
 const MIN_VISIBLE: u32 = 10;
 
-/// A change of the readout time (seconds) by less than this is not worth a correction: 0.05 pixels at 50 pixels per frame.
+/// A change of the readout time (seconds) by less than this is not worth a correction: at 10 pixels per frame it
+/// moves the first and the last row by 0.15 pixels.
 const READOUT_TOLERANCE: f64 = 1e-3;
 /// Keyframes that are corrected in one frame at most, so that a large map does not hold up tracking.
 const REFRESHED: usize = 20;

@@ -87,8 +87,8 @@ fn row_time(camera: &Camera, v: f64) -> f64 {
 const PRIOR_SIGMA: f64 = 0.01;
 /// Error of the estimate from one frame that is not noise: velocity that changes, points that were placed by another estimate.
 const FRAME_SIGMA: f64 = 0.005;
-/// Error that the estimate gains per frame, so that what the first map got wrong is forgotten: old frames count for one twentieth
-/// of a new one's error each.
+/// Error that the estimate gains per frame, so that what the first map got wrong is forgotten: a new frame keeps a weight of one
+/// twentieth for good.
 const DRIFT_SIGMA: f64 = 0.05 * FRAME_SIGMA;
 /// Longest readout: that of a camera with 20 frames per second, seconds.
 const MAX_READOUT: f64 = 0.05;

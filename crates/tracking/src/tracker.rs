@@ -110,7 +110,9 @@ impl Tracker {
             return Err(TrackingError::OutOfOrder { stamp: frame.stamp(), last });
         }
         let mut timing = StageTimes::default();
-        local_mapping::refresh_shutters(&mut self.map, &self.camera, self.refinement.readout());
+        if self.config.mapping.enabled {
+            local_mapping::refresh_shutters(&mut self.map, &self.camera, self.refinement.readout());
+        }
         let features = timing.measure("features", || self.extract(frame, mask))?;
         timing.measure("take over map", || self.take_over_adjustment(false));
         self.last_stamp = Some(frame.stamp());
@@ -162,6 +164,7 @@ impl Tracker {
             TrackingState::Lost => Vector6::zeros(),
             _ => active.motion.velocity_at(self.last_stamp.unwrap_or_default(), &found.T_camera_world),
         };
+        // Not `self.localizer()`, which would borrow the refinement as well.
         let localizer = Localizer { camera: &self.camera, config: &self.config, map: &self.map };
         self.refinement.refine(&localizer, velocity, features, found)
     }
@@ -337,7 +340,7 @@ impl Tracker {
         if let Some(reference) = reference {
             self.segments.enter(reference);
         }
-        if !was_lost {
+        if !was_lost && self.config.mapping.enabled {
             self.revise_last_velocity(stamp, &localized.T_camera_world);
         }
         if let Some(active) = &mut self.active {

@@ -56,6 +56,16 @@ impl FeatureOptions {
     pub fn level_scale(&self, level: u8) -> f64 {
         self.scale.powi(i32::from(level))
     }
+
+    /// From a column or row of the full-size image to one of `level`, pixels.
+    pub fn to_level(&self, image: f64, level: u8) -> f64 {
+        (image + 0.5) / self.level_scale(level) - 0.5
+    }
+
+    /// From a column or row of `level` to one of the full-size image, pixels.
+    pub fn from_level(&self, on_level: f64, level: u8) -> f64 {
+        (on_level + 0.5) * self.level_scale(level) - 0.5
+    }
 }
 
 /// Corners closer to the border than this have no complete descriptor patch (pixels of their level).
@@ -131,8 +141,7 @@ impl FeatureExtractor {
         let levels = levels.collect::<Result<Vec<_>, VisionError>>()?;
         let cut = |feature: &Feature| {
             let (pixels, stride) = *levels.get(usize::from(feature.level))?;
-            let scale = self.options.level_scale(feature.level);
-            let on_level = |c: f32| ((f64::from(c) + 0.5) / scale - 0.5).round() as i32;
+            let on_level = |c: f32| self.options.to_level(c.into(), feature.level).round() as i32;
             Patch::cut(pixels, stride, [on_level(feature.u), on_level(feature.v)])
         };
         Ok(features.iter().map(cut).collect())
@@ -180,8 +189,8 @@ impl FeatureExtractor {
             let angle = centroid_angle(pixels, stride, centre);
             let (dx, dy) = refine(pixels, stride, centre);
             Feature {
-                u: ((f64::from(corner.x as f32 + dx) + 0.5) * scale - 0.5) as f32,
-                v: ((f64::from(corner.y as f32 + dy) + 0.5) * scale - 0.5) as f32,
+                u: self.options.from_level((corner.x as f32 + dx).into(), level as u8) as f32,
+                v: self.options.from_level((corner.y as f32 + dy).into(), level as u8) as f32,
                 angle,
                 level: level as u8,
                 response: corner.response,

@@ -1,6 +1,7 @@
 //! A landmark.
 
 use nalgebra::{Point3, Vector3};
+use pfd_geometry::Pose;
 use pfd_vision::features::Descriptor;
 use slotmap::SlotMap;
 
@@ -80,6 +81,13 @@ impl MapPoint {
         &self.viewing_direction
     }
 
+    /// Direction from a camera to the point, in the world, unit length; zero in the camera itself.
+    #[allow(non_snake_case)]
+    pub fn direction_from(&self, T_camera_world: &Pose) -> Vector3<f64> {
+        let centre = T_camera_world.inverse_transform_point(&Point3::origin());
+        (self.position - centre).try_normalize(f64::EPSILON).unwrap_or_default()
+    }
+
     /// The pyramid level on which it should appear at `distance` metres.
     pub fn predict_level(&self, distance: f64, scale: f64, levels: usize) -> u8 {
         let steps = (self.reference.distance / distance.max(f64::EPSILON)).ln() / scale.ln();
@@ -101,12 +109,12 @@ impl MapPoint {
         let Some(&(latest, feature)) = seen.last() else { return };
         let descriptors: Vec<_> = seen.iter().map(|(k, f)| k.features.feature(*f).descriptor).collect();
         self.descriptor = medoid(&descriptors);
-        let direction = |k: &Keyframe| {
-            let centre = k.T_camera_world.inverse_transform_point(&Point3::origin());
-            (self.position - centre).try_normalize(f64::EPSILON).unwrap_or_default()
-        };
-        self.viewing_direction =
-            seen.iter().map(|(k, _)| direction(k)).sum::<Vector3<f64>>().try_normalize(1e-9).unwrap_or_default();
+        self.viewing_direction = seen
+            .iter()
+            .map(|(k, _)| self.direction_from(&k.T_camera_world))
+            .sum::<Vector3<f64>>()
+            .try_normalize(1e-9)
+            .unwrap_or_default();
         self.reference = Scale {
             distance: (latest.T_camera_world * self.position).coords.norm(),
             level: latest.features.feature(feature).level,
