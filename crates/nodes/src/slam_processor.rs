@@ -149,12 +149,23 @@ impl SlamProcessor {
         Ok(())
     }
 
-    fn track(&mut self, frame: &Frame, mask: Option<&Mask>) -> anyhow::Result<(TrackedFrame, f64)> {
-        let mut tracker = self.parts.shared.tracker();
+    /// Tracks a frame and publishes its pose as soon as it is known: what the map takes in can wait.
+    fn track(
+        &mut self,
+        frame: &Frame,
+        mask: Option<&Mask>,
+        config: &NodeConfig,
+    ) -> anyhow::Result<(TrackedFrame, f64)> {
+        let shared = self.parts.shared.clone();
+        let mut tracker = shared.tracker();
         let tracker = tracker.as_mut().context("there is no tracker")?;
         let start = Instant::now();
-        let tracked = tracker.track(&frame.images, mask).context("tracking")?;
-        Ok((tracked, start.elapsed().as_secs_f64() * 1e3))
+        let located = tracker.locate(&frame.images, mask).context("tracking")?;
+        let locating = start.elapsed();
+        self.publish_pose(&frame.frame_id, &located.tracked, config);
+        let start = Instant::now();
+        let tracked = tracker.extend_map(located);
+        Ok((tracked, (locating + start.elapsed()).as_secs_f64() * 1e3))
     }
 
     fn work(&mut self, frame: &Frame, segmented: Option<Segmented>) -> anyhow::Result<()> {
@@ -164,7 +175,7 @@ impl SlamProcessor {
             return Ok(());
         };
         let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
-        let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here))?;
+        let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here), &settings.node)?;
         let outcome = Outcome { segmented, tracked, tracking_ms };
         let mask = received.as_ref().or(outcome.segmented.as_ref().map(|s| &s.segmentation.mask));
         self.publish(frame, &outcome, mask, &settings.node);
@@ -200,13 +211,17 @@ impl SlamProcessor {
         tracing::warn!("frame {stamp} is tracked without a mask: {why} ({more} more like it)");
     }
 
-    fn publish(&mut self, frame: &Frame, outcome: &Outcome, mask: Option<&Mask>, config: &NodeConfig) {
+    fn publish_pose(&mut self, camera_frame: &str, tracked: &TrackedFrame, config: &NodeConfig) {
         let Some(output) = self.parts.tracks.get() else { return };
         {
             let transforms = self.parts.shared.transforms.lock().unwrap_or_else(PoisonError::into_inner);
-            self.names.update(&transforms, &frame.frame_id, config);
+            self.names.update(&transforms, camera_frame, config);
         }
-        output.publish_pose(&mut self.names, outcome, config);
+        output.publish_pose(&mut self.names, tracked, config);
+    }
+
+    fn publish(&mut self, frame: &Frame, outcome: &Outcome, mask: Option<&Mask>, config: &NodeConfig) {
+        let Some(output) = self.parts.tracks.get() else { return };
         output.publish_state(&frame.frame_id, outcome, mask);
         if self.last_map.is_none_or(|last| last.elapsed() >= MAP_PERIOD) {
             self.last_map = Some(Instant::now());

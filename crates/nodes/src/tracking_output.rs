@@ -90,8 +90,7 @@ impl TrackingOutput {
     }
 
     /// `pose`, `odometry`, `/tf`. While the pose is not known `/tf` repeats the last transforms and the others are silent.
-    pub fn publish_pose(&self, names: &mut FrameNames, outcome: &Outcome, config: &NodeConfig) {
-        let tracked = &outcome.tracked;
+    pub fn publish_pose(&self, names: &mut FrameNames, tracked: &TrackedFrame, config: &NodeConfig) {
         let T_map_world = names.T_map_world();
         if let (Some(T_world_camera), Some(T_odom_camera)) = (tracked.T_world_camera, tracked.T_odom_camera) {
             let T_map_camera = T_map_world * T_world_camera;

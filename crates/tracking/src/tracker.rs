@@ -8,24 +8,19 @@ use pfd_vision::features::FeatureExtractor;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 
-use crate::background::PendingAdjustment;
-use crate::bundle_adjustment::{self, BundleProblem};
 use crate::config::TrackingConfig;
 use crate::first_frames::FirstFrames;
 use crate::image_features::ImageFeatures;
+use crate::keyframe_decision;
 use crate::local_mapping;
 use crate::localization::{Expectation, Localized, Localizer};
-use crate::loop_closing;
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
-use crate::map_file::{self, MapFileError};
-use crate::matching::Match;
+use crate::map_file::MapFileError;
+use crate::mapper::Mapper;
 use crate::motion::Motion;
-use crate::places::PlaceIndex;
 use crate::refinement::Refinement;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
 use crate::rolling_shutter::Shutter;
-use crate::segments::Segments;
-use crate::trajectory::TrajectoryLog;
 
 /// Camera tracking and mapping.
 pub struct Tracker {
@@ -34,18 +29,12 @@ pub struct Tracker {
     extractor: FeatureExtractor,
     seed: u64,
     rng: Pcg32,
-    map: Map,
-    /// Living keyframes in the order of their creation.
-    keyframe_order: Vec<KeyframeId>,
-    places: PlaceIndex,
-    trajectory: TrajectoryLog,
+    mapper: Mapper,
     state: TrackingState,
     frame_index: usize,
     last_stamp: Option<Stamp>,
     active: Option<Active>,
-    adjustment: Option<PendingAdjustment>,
     loops: usize,
-    segments: Segments,
     /// Since when the camera has been lost although there is something to see.
     lost_since: Option<Stamp>,
     /// Kept until the map was judged by masks that know what moves.
@@ -65,9 +54,19 @@ struct Active {
 /// A frame on its way through [`Tracker::track`].
 struct Candidate<'a> {
     frame: &'a RgbdFrame,
+    index: usize,
     /// `None` once the mask was given up because it leaves too little.
     mask: Option<&'a Mask>,
     features: ImageFeatures,
+}
+
+/// A frame whose pose is known, and which the map does not contain yet.
+#[must_use = "the map grows with Tracker::extend_map"]
+pub struct Located<'a> {
+    /// The pose, with the size of the map before this frame.
+    pub tracked: TrackedFrame,
+    /// What the map may take in.
+    found: Option<(Candidate<'a>, Localized)>,
 }
 
 impl Tracker {
@@ -80,48 +79,69 @@ impl Tracker {
         Ok(Self {
             camera,
             extractor: FeatureExtractor::new(config.features.options()),
+            mapper: Mapper::new(camera, config.clone(), seed),
             config: config.clone(),
             seed,
             rng: Pcg32::seed_from_u64(seed),
-            map: Map::default(),
-            keyframe_order: Vec::new(),
-            places: PlaceIndex::new(seed),
-            trajectory: TrajectoryLog::default(),
             state: TrackingState::NotInitialized,
             frame_index: 0,
             last_stamp: None,
             active: None,
-            adjustment: None,
             loops: 0,
-            segments: Segments::default(),
             lost_since: None,
             first_frames: None,
             refinement: Refinement::new(config.rolling_shutter.readout),
         })
     }
 
-    /// Estimates the pose of `frame`. Pixels that `mask` calls dynamic are not used.
+    /// Estimates the pose of `frame` and extends the map. Pixels that `mask` calls dynamic are not used.
     ///
     /// # Errors
     /// [`TrackingError`] when frame or mask do not fit the camera, or the frame is not newer than the last.
     pub fn track(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<TrackedFrame, TrackingError> {
+        let located = self.locate(frame, mask)?;
+        Ok(self.extend_map(located))
+    }
+
+    /// The first half of [`Self::track`]: the pose. It can be used while [`Self::extend_map`] is still at work.
+    ///
+    /// # Errors
+    /// As [`Self::track`].
+    pub fn locate<'a>(&mut self, frame: &'a RgbdFrame, mask: Option<&'a Mask>) -> Result<Located<'a>, TrackingError> {
         frame.check_camera(&self.camera)?;
         if let Some(last) = self.last_stamp.filter(|last| frame.stamp() <= *last) {
             return Err(TrackingError::OutOfOrder { stamp: frame.stamp(), last });
         }
         let mut timing = StageTimes::default();
         if self.config.mapping.enabled {
-            local_mapping::refresh_shutters(&mut self.map, &self.camera, self.refinement.readout());
+            self.mapper.refresh_shutters(self.refinement.readout());
         }
         let features = timing.measure("features", || self.extract(frame, mask))?;
-        timing.measure("take over map", || self.take_over_adjustment(false));
+        timing.measure("take over map", || {
+            let reference = self.active.as_ref().map(|active| active.reference);
+            let moved = self.mapper.take_over_due(self.frame_index, reference);
+            self.move_with_map(moved);
+        });
         self.last_stamp = Some(frame.stamp());
-        let mut candidate = Candidate { frame, mask, features };
+        let mut candidate = Candidate { frame, index: self.frame_index, mask, features };
         let localized = timing.measure("localize", || self.localize(&mut candidate))?;
         let localized = timing.measure("refine", || localized.map(|found| self.refine(&mut candidate.features, found)));
-        let tracked = timing.measure("map", || self.integrate(candidate, localized));
+        let located = self.conclude(candidate, localized);
         self.frame_index += 1;
-        Ok(TrackedFrame { timing, ..tracked })
+        Ok(Located { tracked: TrackedFrame { timing, ..located.tracked }, ..located })
+    }
+
+    /// The second half of [`Self::track`]: what the frame means for the map. Nothing may happen to this tracker in between.
+    pub fn extend_map(&mut self, located: Located<'_>) -> TrackedFrame {
+        let Located { mut tracked, found } = located;
+        let mut timing = std::mem::take(&mut tracked.timing);
+        timing.measure("map", || {
+            if let Some((candidate, localized)) = found {
+                tracked.is_keyframe = self.learn(candidate, &localized);
+            }
+        });
+        let map = self.mapper.map();
+        TrackedFrame { keyframes: map.keyframe_count() as u32, map_points: map.point_count() as u32, timing, ..tracked }
     }
 
     fn extract(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<ImageFeatures, TrackingError> {
@@ -135,7 +155,7 @@ impl Tracker {
     }
 
     fn localizer(&self) -> Localizer<'_> {
-        Localizer { camera: &self.camera, config: &self.config, map: &self.map }
+        Localizer { camera: &self.camera, config: &self.config, map: self.mapper.map() }
     }
 
     /// The pose of the candidate: with the mask, where that leaves too little without, and at last by recognising the place.
@@ -165,7 +185,7 @@ impl Tracker {
             _ => active.motion.velocity_at(self.last_stamp.unwrap_or_default(), &found.T_camera_world),
         };
         // Not `self.localizer()`, which would borrow the refinement as well.
-        let localizer = Localizer { camera: &self.camera, config: &self.config, map: &self.map };
+        let localizer = Localizer { camera: &self.camera, config: &self.config, map: self.mapper.map() };
         self.refinement.refine(&localizer, velocity, features, found)
     }
 
@@ -205,28 +225,30 @@ impl Tracker {
         if !self.config.places.relocalization {
             return None;
         }
-        let candidates = self.places.query(features.descriptors());
+        let ids = self.mapper.look_alikes(features.descriptors());
         let mut rng = self.rng.clone();
-        let ids = candidates.into_iter().map(|(id, _)| id);
-        let found = self.localizer().relocalize(features, ids, self.config.places.min_inliers, &mut rng);
+        let found = self.localizer().relocalize(features, ids.into_iter(), self.config.places.min_inliers, &mut rng);
         self.rng = rng;
         found
     }
 
-    /// Updates state, motion and map with the outcome.
-    fn integrate(&mut self, candidate: Candidate<'_>, localized: Option<Localized>) -> TrackedFrame {
+    /// Updates state and motion with the outcome. Without a map, or lost for long, a map starts here.
+    fn conclude<'a>(&mut self, candidate: Candidate<'a>, localized: Option<Localized>) -> Located<'a> {
         let features = candidate.features.len();
-        let (inliers, covariance, is_keyframe) = match localized {
+        let (inliers, covariance) =
+            localized.as_ref().map_or((0, Matrix6::zeros()), |found| (found.matches.len(), found.covariance));
+        let (is_keyframe, found) = match localized {
             Some(localized) => {
-                let (inliers, covariance) = (localized.matches.len(), localized.covariance);
-                (inliers, covariance, self.accept(candidate, &localized))
+                self.accept(&candidate, &localized);
+                (false, Some((candidate, localized)))
             }
-            None if self.active.is_none() => (0, Matrix6::zeros(), self.initialize(candidate)),
-            None => (0, Matrix6::zeros(), self.lose(candidate)),
+            None if self.active.is_none() => (self.initialize(candidate), None),
+            None => (self.lose(candidate), None),
         };
         let known = matches!(self.state, TrackingState::Ok | TrackingState::Relocalized);
         let motion = self.active.as_ref().filter(|_| known).map(|active| &active.motion);
-        TrackedFrame {
+        let map = self.mapper.map();
+        let tracked = TrackedFrame {
             stamp: self.last_stamp.unwrap_or_default(),
             state: self.state,
             T_world_camera: motion.map(|m| m.T_camera_world().inverse()),
@@ -234,11 +256,12 @@ impl Tracker {
             covariance,
             features: features as u32,
             inliers: inliers as u32,
-            keyframes: self.map.keyframe_count() as u32,
-            map_points: self.map.point_count() as u32,
+            keyframes: map.keyframe_count() as u32,
+            map_points: map.point_count() as u32,
             is_keyframe,
             timing: StageTimes::default(),
-        }
+        };
+        Located { tracked, found }
     }
 
     /// Starts the map from a frame with enough depth. The first camera is the origin of the world. Unless its mask knew what moves,
@@ -267,7 +290,7 @@ impl Tracker {
             return false;
         }
         let newest =
-            Keyframe::new(candidate.frame.stamp(), self.frame_index, Pose::identity(), candidate.features.clone());
+            Keyframe::new(candidate.frame.stamp(), candidate.index, Pose::identity(), candidate.features.clone());
         let Some(poses) = first_frames.track_back_from(newest, &self.camera, &self.config) else { return false };
         self.replace_map(candidate, &poses);
         true
@@ -276,18 +299,13 @@ impl Tracker {
     /// Puts a map made of `candidate` in the place of the present one; `poses` are those of all frames up to it.
     fn replace_map(&mut self, candidate: &Candidate<'_>, poses: &[(Stamp, Pose)]) {
         let [.., (_, before), (stamp, pose)] = poses else { return };
-        // What was under way concerns the old map.
-        drop(self.adjustment.take().and_then(PendingAdjustment::wait));
-        self.map = Map::default();
-        self.keyframe_order.clear();
-        self.places = PlaceIndex::new(self.seed);
-        self.trajectory = TrajectoryLog::default();
-        let keyframe = Keyframe::new(*stamp, self.frame_index, *pose, candidate.features.clone());
-        let reference = self.insert_keyframe(keyframe, &[]);
+        self.mapper.clear(self.seed);
+        let keyframe = Keyframe::new(*stamp, candidate.index, *pose, candidate.features.clone());
+        let reference = self.mapper.insert(keyframe, &[]);
         for (stamp, pose) in poses {
-            self.trajectory.push(&self.map, *stamp, reference, pose);
+            self.mapper.log_pose(*stamp, reference, pose);
         }
-        let last_points = self.points_of(reference);
+        let last_points = self.mapper.points_of(reference);
         if let Some(active) = &mut self.active {
             active.motion.revise(before, *pose);
             (active.reference, active.last_points) = (reference, last_points);
@@ -311,7 +329,7 @@ impl Tracker {
         }
         let mut motion = active.motion.clone();
         motion.restart(stamp, *active.motion.T_camera_world());
-        self.segments.begin();
+        self.mapper.begin_segment();
         self.start_from(candidate, motion)
     }
 
@@ -321,38 +339,57 @@ impl Tracker {
             return false;
         }
         let (stamp, pose) = (candidate.frame.stamp(), *motion.T_camera_world());
-        let keyframe = Keyframe::new(stamp, self.frame_index, pose, candidate.features);
-        let reference = self.insert_keyframe(keyframe, &[]);
-        self.trajectory.push(&self.map, stamp, reference, &pose);
-        self.active = Some(Active { motion, reference, last_points: self.points_of(reference) });
+        let keyframe = Keyframe::new(stamp, candidate.index, pose, candidate.features);
+        let reference = self.mapper.insert(keyframe, &[]);
+        self.mapper.log_pose(stamp, reference, &pose);
+        self.active = Some(Active { motion, reference, last_points: self.mapper.points_of(reference) });
         self.state = TrackingState::Ok;
         self.lost_since = None;
         true
     }
 
-    /// Takes over a pose. Returns whether the frame became a keyframe.
-    fn accept(&mut self, candidate: Candidate<'_>, localized: &Localized) -> bool {
+    /// Takes over a pose.
+    fn accept(&mut self, candidate: &Candidate<'_>, localized: &Localized) {
         let was_lost = self.state == TrackingState::Lost;
         self.state = if was_lost { TrackingState::Relocalized } else { TrackingState::Ok };
         let stamp = candidate.frame.stamp();
         self.lost_since = None;
         let reference = self.reference_of(localized);
         if let Some(reference) = reference {
-            self.segments.enter(reference);
+            self.mapper.enter_segment_of(reference);
         }
         if !was_lost && self.config.mapping.enabled {
             self.revise_last_velocity(stamp, &localized.T_camera_world);
         }
-        if let Some(active) = &mut self.active {
-            if was_lost {
-                active.motion.restart(stamp, localized.T_camera_world);
-            } else {
-                active.motion.update(stamp, localized.T_camera_world);
-            }
-            active.last_points = localized.matches.iter().map(|m| m.point).collect();
-            active.reference = reference.unwrap_or(active.reference);
-            self.trajectory.push(&self.map, stamp, active.reference, &localized.T_camera_world);
+        let Some(active) = &mut self.active else { return };
+        if was_lost {
+            active.motion.restart(stamp, localized.T_camera_world);
+        } else {
+            active.motion.update(stamp, localized.T_camera_world);
         }
+        active.last_points = localized.matches.iter().map(|m| m.point).collect();
+        active.reference = reference.unwrap_or(active.reference);
+        self.mapper.log_pose(stamp, active.reference, &localized.T_camera_world);
+    }
+
+    /// When the last frame became a keyframe, its velocity follows better from the intervals on both sides of it.
+    #[allow(non_snake_case)]
+    fn revise_last_velocity(&mut self, stamp: Stamp, T_camera_world: &Pose) {
+        let (Some(active), Some(newest)) = (&self.active, self.mapper.newest()) else { return };
+        let keyframe = self.mapper.map().keyframe(newest);
+        let Some(keyframe) = keyframe.filter(|k| k.frame_index + 1 == self.frame_index) else { return };
+        let velocity = active.motion.velocity_between(stamp, T_camera_world);
+        let shutter = Shutter { velocity, ..*keyframe.features.shutter() };
+        self.mapper.set_shutter(newest, shutter);
+    }
+
+    /// The keyframe that shares most points with the frame.
+    fn reference_of(&self, localized: &Localized) -> Option<KeyframeId> {
+        self.mapper.map().observers(localized.matches.iter().map(|m| m.point)).first().map(|(id, _)| *id)
+    }
+
+    /// What a frame whose pose is known means for the map. Returns whether it became a keyframe.
+    fn learn(&mut self, candidate: Candidate<'_>, localized: &Localized) -> bool {
         if !self.config.mapping.enabled {
             return false;
         }
@@ -363,31 +400,14 @@ impl Tracker {
         if !self.keyframe_is_due(&candidate, localized) {
             return false;
         }
-        self.take_over_adjustment(true);
+        self.finish();
         self.add_keyframe(candidate, localized);
         true
     }
 
-    /// When the last frame became a keyframe, its velocity follows better from the intervals on both sides of it.
-    #[allow(non_snake_case)]
-    fn revise_last_velocity(&mut self, stamp: Stamp, T_camera_world: &Pose) {
-        let (Some(active), Some(&newest)) = (&self.active, self.keyframe_order.last()) else { return };
-        let Some(keyframe) = self.map.keyframe(newest).filter(|k| k.frame_index + 1 == self.frame_index) else {
-            return;
-        };
-        let velocity = active.motion.velocity_between(stamp, T_camera_world);
-        let shutter = Shutter { velocity, ..*keyframe.features.shutter() };
-        local_mapping::set_shutter(&mut self.map, &self.camera, newest, shutter);
-    }
-
-    /// The keyframe that shares most points with the frame.
-    fn reference_of(&self, localized: &Localized) -> Option<KeyframeId> {
-        self.map.observers(localized.matches.iter().map(|m| m.point)).first().map(|(id, _)| *id)
-    }
-
     fn remember(&mut self, candidate: &Candidate<'_>, localized: &Localized) {
         local_mapping::update_point_memory(
-            &mut self.map,
+            self.mapper.map_mut(),
             &self.camera,
             &self.config,
             (candidate.frame.depth(), candidate.mask),
@@ -396,152 +416,56 @@ impl Tracker {
         );
     }
 
-    /// Mur-Artal and Tardós, T-RO 2017, section III-E: too little is left of the reference keyframe, or much new is in view.
     fn keyframe_is_due(&self, candidate: &Candidate<'_>, localized: &Localized) -> bool {
         let Some(active) = &self.active else { return false };
-        let Some(reference) = self.map.keyframe(active.reference) else { return true };
-        let newest = self.keyframe_order.last().and_then(|id| self.map.keyframe(*id));
-        let gap = newest.map_or(usize::MAX, |k| self.frame_index.saturating_sub(k.frame_index));
-        // Points from pixels that may move must not enter the map.
-        let without_mask = candidate.mask.is_none() && localized.matches.len() < self.config.pose.min_unmasked_inliers;
-        if gap < self.config.mapping.min_keyframe_gap || without_mask {
-            return false;
-        }
-        let established = usize::min(3, self.map.keyframe_count());
-        let of_reference = reference
-            .observed()
-            .filter(|(_, p)| self.map.point(*p).is_some_and(|p| p.observations().len() >= established))
-            .count();
-        let matched = localized.matches.len();
-        let few = (matched as f64) < self.config.mapping.keyframe_inlier_ratio * of_reference as f64;
-        let with_depth = |m: &&Match| candidate.features.measurement(m.feature).depth.is_some();
-        let matched_with_depth = localized.matches.iter().filter(with_depth).count();
-        let new = candidate.features.with_depth().saturating_sub(matched_with_depth);
-        let wanted = self.config.mapping.wanted_points;
-        few || (matched_with_depth < wanted && new > wanted)
+        let situation = keyframe_decision::Situation {
+            frame_index: candidate.index,
+            reference: active.reference,
+            newest: self.mapper.newest(),
+            features: &candidate.features,
+            matches: &localized.matches,
+            is_masked: candidate.mask.is_some(),
+        };
+        keyframe_decision::is_due(self.mapper.map(), &self.config, &situation)
     }
 
     fn add_keyframe(&mut self, candidate: Candidate<'_>, localized: &Localized) {
         // The adjustment that was just taken over may have moved the pose.
         let pose = self.active.as_ref().map_or(localized.T_camera_world, |a| *a.motion.T_camera_world());
-        let keyframe = Keyframe::new(candidate.frame.stamp(), self.frame_index, pose, candidate.features);
-        let id = self.insert_keyframe(keyframe, &localized.matches);
-        local_mapping::cull_points(&mut self.map, &self.config, &self.keyframe_order);
-        self.cull_keyframes(id);
-        self.close_loop(id);
-        let last_points = self.points_of(id);
+        let keyframe = Keyframe::new(candidate.frame.stamp(), candidate.index, pose, candidate.features);
+        let id = self.mapper.insert(keyframe, &localized.matches);
+        self.mapper.cull(id);
+        let closed = self.mapper.close_loop(id, &mut self.rng);
+        self.loops += usize::from(closed);
+        let last_points = self.mapper.points_of(id);
         if let Some(active) = &mut self.active {
             active.reference = id;
             active.last_points = last_points;
-        }
-        self.start_adjustment(id);
-    }
-
-    /// Corrects the map when `newest` shows a place that was seen long ago.
-    fn close_loop(&mut self, newest: KeyframeId) {
-        if !self.config.places.loop_closing {
-            return;
-        }
-        let mut rng = self.rng.clone();
-        let search =
-            loop_closing::Search { places: &self.places, order: &self.keyframe_order, segments: &self.segments };
-        let found = loop_closing::detect(&self.localizer(), &search, newest, &mut rng);
-        self.rng = rng;
-        let Some(found) = found else { return };
-        let segment = self.segments.with(&self.keyframe_order, newest);
-        if self.segments.are_joined(found.current, found.earlier) {
-            loop_closing::close(&mut self.map, &self.camera, &self.config, &segment, &found);
-            self.loops += 1;
-        } else {
-            loop_closing::merge(&mut self.map, &self.camera, &self.config, &segment, &found);
-            self.segments.join(found.current, found.earlier);
-        }
-        if let (Some(active), Some(keyframe)) = (&mut self.active, self.map.keyframe(newest)) {
-            active.motion.correct(keyframe.T_camera_world);
-        }
-    }
-
-    /// Loops closed since the start.
-    pub fn loops(&self) -> usize {
-        self.loops
-    }
-
-    fn insert_keyframe(&mut self, keyframe: Keyframe, matches: &[Match]) -> KeyframeId {
-        let id = local_mapping::insert_keyframe(&mut self.map, &self.camera, &self.config, keyframe, matches);
-        if let Some(keyframe) = self.map.keyframe(id) {
-            self.places.insert(id, keyframe.features.descriptors());
-        }
-        self.keyframe_order.push(id);
-        self.segments.add(id);
-        id
-    }
-
-    fn points_of(&self, keyframe: KeyframeId) -> Vec<MapPointId> {
-        self.map.keyframe(keyframe).into_iter().flat_map(|k| k.observed().map(|(_, point)| point)).collect()
-    }
-
-    /// Drops keyframes near `newest` that add nothing. The first one stays: it is the origin.
-    fn cull_keyframes(&mut self, newest: KeyframeId) {
-        let first = self.keyframe_order.first().copied();
-        let candidates: Vec<_> = self.map.covisible(newest).into_iter().map(|(id, _)| id).collect();
-        for id in local_mapping::redundant_keyframes(&self.map, &self.config, &candidates) {
-            // Removing one makes others less redundant.
-            let still = local_mapping::redundant_keyframes(&self.map, &self.config, &[id]).contains(&id);
-            if Some(id) != first && still {
-                self.remove_keyframe(id);
+            if let Some(keyframe) = self.mapper.map().keyframe(id).filter(|_| closed) {
+                active.motion.correct(keyframe.T_camera_world);
             }
         }
+        self.mapper.start_adjustment(id, candidate.index);
     }
 
-    fn remove_keyframe(&mut self, id: KeyframeId) {
-        let standin = self.map.covisible(id).first().map(|(other, _)| *other);
-        let Some(standin) = standin else { return };
-        self.trajectory.replace(&self.map, id, standin);
-        if let Some(keyframe) = self.map.keyframe(id) {
-            self.places.remove(id, keyframe.features.descriptors());
-        }
-        self.map.remove_keyframe(id);
-        self.keyframe_order.retain(|other| *other != id);
-    }
-
-    fn start_adjustment(&mut self, center: KeyframeId) {
-        let config = self.config.bundle_adjustment.clone();
-        if !config.enabled || self.map.keyframe_count() < 2 {
-            return;
-        }
-        let problem = BundleProblem::local(&self.map, &self.camera, center, &config);
-        let due_frame = self.frame_index + config.delay_frames;
-        self.adjustment = PendingAdjustment::start(problem, config, due_frame);
-    }
-
-    /// Writes a finished bundle adjustment into the map once it is due (or `now`), at the same frame in every run.
-    fn take_over_adjustment(&mut self, now: bool) {
-        let due = self.adjustment.take_if(|pending| now || pending.is_due(self.frame_index));
-        let Some(result) = due.and_then(PendingAdjustment::wait) else { return };
-        let reference = self.active.as_ref().map(|active| active.reference);
-        let pose_of = |map: &Map| reference.and_then(|id| map.keyframe(id)).map(|k| k.T_camera_world);
-        let before = pose_of(&self.map);
-        bundle_adjustment::apply(&mut self.map, &result);
-        if let (Some(before), Some(after), Some(active)) = (before, pose_of(&self.map), &mut self.active) {
-            let corrected = active.motion.T_camera_world() * before.inverse() * after;
-            active.motion.correct(corrected);
+    /// The camera moves with its reference keyframe when the map is adjusted.
+    fn move_with_map(&mut self, moved: Option<Pose>) {
+        if let (Some(moved), Some(active)) = (moved, &mut self.active) {
+            active.motion.correct(active.motion.T_camera_world() * moved);
         }
     }
 
     /// Waits for background work and takes it over.
     pub fn finish(&mut self) {
-        self.take_over_adjustment(true);
+        let reference = self.active.as_ref().map(|active| active.reference);
+        let moved = self.mapper.take_over(reference);
+        self.move_with_map(moved);
     }
 
     /// Forgets the map and everything else; configuration and camera, with its readout time, stay.
     pub fn reset(&mut self) {
-        self.take_over_adjustment(true);
-        self.map = Map::default();
-        self.keyframe_order.clear();
-        self.places = PlaceIndex::new(self.seed);
+        self.mapper.clear(self.seed);
         self.rng = Pcg32::seed_from_u64(self.seed);
-        self.trajectory = TrajectoryLog::default();
-        self.segments = Segments::default();
         self.state = TrackingState::NotInitialized;
         self.last_stamp = None;
         self.lost_since = None;
@@ -554,13 +478,7 @@ impl Tracker {
     /// # Errors
     /// When the file cannot be written.
     pub fn save_map(&self, path: &Path) -> Result<(), MapFileError> {
-        let order = self.segments.largest(&self.keyframe_order);
-        if order.len() == self.keyframe_order.len() {
-            return map_file::save(path, &self.map, &order, &self.camera);
-        }
-        let mut map = self.map.clone();
-        self.keyframe_order.iter().filter(|id| !order.contains(id)).for_each(|id| map.remove_keyframe(*id));
-        map_file::save(path, &map, &order, &self.camera)
+        self.mapper.save(path)
     }
 
     /// Replaces the map by that of a file. The camera counts as lost until it is recognised there.
@@ -568,19 +486,18 @@ impl Tracker {
     /// # Errors
     /// When the file is no map of this camera; the present map stays.
     pub fn load_map(&mut self, path: &Path) -> Result<(), MapFileError> {
-        let (map, order) = map_file::load(path, &self.camera)?;
+        let mut mapper = Mapper::new(self.camera, self.config.clone(), self.seed);
+        mapper.load(path)?;
         self.reset();
-        for (id, keyframe) in order.iter().filter_map(|id| Some((*id, map.keyframe(*id)?))) {
-            self.places.insert(id, keyframe.features.descriptors());
-        }
-        if let Some((reference, keyframe)) = order.last().and_then(|id| Some((*id, map.keyframe(*id)?))) {
+        self.mapper = mapper;
+        let newest = self.mapper.newest().and_then(|id| Some((id, self.mapper.map().keyframe(id)?)));
+        if let Some((reference, keyframe)) = newest {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
             self.refinement = Refinement::new(keyframe.features.shutter().readout);
             self.active = Some(Active { motion, reference, last_points: Vec::new() });
             self.state = TrackingState::Lost;
             self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
         }
-        (self.map, self.keyframe_order) = (map, order);
         Ok(())
     }
 
@@ -589,26 +506,28 @@ impl Tracker {
         self.refinement.readout()
     }
 
+    /// Loops closed, and segments joined, since the start.
+    pub fn loops(&self) -> usize {
+        self.loops
+    }
+
     /// The map.
     pub fn map(&self) -> &Map {
-        &self.map
+        self.mapper.map()
     }
 
     /// Poses (camera to world) of all tracked frames by the present state of the map.
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.trajectory.poses(&self.map)
+        self.mapper.trajectory()
     }
 
     /// Poses (camera to world) of the keyframes, oldest first.
     pub fn keyframe_trajectory(&self) -> Vec<StampedPose> {
-        let pose = |id: &KeyframeId| {
-            self.map.keyframe(*id).map(|k| StampedPose { stamp: k.stamp, pose: k.T_camera_world.inverse() })
-        };
-        self.keyframe_order.iter().filter_map(pose).collect()
+        self.mapper.keyframe_trajectory()
     }
 
     /// All map points.
     pub fn map_points(&self) -> Vec<MapPointView> {
-        self.map.points().map(|(_, p)| MapPointView { position: p.position, color: p.color }).collect()
+        self.map().points().map(|(_, p)| MapPointView { position: p.position, color: p.color }).collect()
     }
 }

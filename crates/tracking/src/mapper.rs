@@ -1,0 +1,229 @@
+//! The map with all that is kept beside it: how its keyframes look and hang together, the poses that refer to them, and the bundle
+//! adjustment under way.
+
+use std::path::Path;
+
+use pfd_geometry::{Camera, Pose, Stamp, StampedPose};
+use rand_pcg::Pcg32;
+
+use crate::background::PendingAdjustment;
+use crate::bundle_adjustment::{self, BundleProblem};
+use crate::config::TrackingConfig;
+use crate::local_mapping;
+use crate::localization::Localizer;
+use crate::loop_closing;
+use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
+use crate::map_file::{self, MapFileError};
+use crate::matching::Match;
+use crate::places::PlaceIndex;
+use crate::rolling_shutter::Shutter;
+use crate::segments::Segments;
+use crate::trajectory::TrajectoryLog;
+
+/// Extends and corrects the map.
+pub(crate) struct Mapper {
+    camera: Camera,
+    config: TrackingConfig,
+    map: Map,
+    /// Living keyframes in the order of their creation.
+    order: Vec<KeyframeId>,
+    places: PlaceIndex,
+    segments: Segments,
+    trajectory: TrajectoryLog,
+    adjustment: Option<PendingAdjustment>,
+}
+
+#[allow(non_snake_case)]
+impl Mapper {
+    /// A mapper without a map; `seed` decides how places are indexed.
+    pub(crate) fn new(camera: Camera, config: TrackingConfig, seed: u64) -> Self {
+        Self {
+            camera,
+            config,
+            map: Map::default(),
+            order: Vec::new(),
+            places: PlaceIndex::new(seed),
+            segments: Segments::default(),
+            trajectory: TrajectoryLog::default(),
+            adjustment: None,
+        }
+    }
+
+    pub(crate) fn map(&self) -> &Map {
+        &self.map
+    }
+
+    /// For what frames teach about the points they see.
+    pub(crate) fn map_mut(&mut self) -> &mut Map {
+        &mut self.map
+    }
+
+    pub(crate) fn newest(&self) -> Option<KeyframeId> {
+        self.order.last().copied()
+    }
+
+    /// The points that a keyframe sees.
+    pub(crate) fn points_of(&self, keyframe: KeyframeId) -> Vec<MapPointId> {
+        self.map.keyframe(keyframe).into_iter().flat_map(|k| k.observed().map(|(_, point)| point)).collect()
+    }
+
+    /// Keyframes that may show what is described, likeliest first.
+    pub(crate) fn look_alikes<'a>(
+        &self,
+        descriptors: impl Iterator<Item = &'a pfd_vision::features::Descriptor>,
+    ) -> Vec<KeyframeId> {
+        self.places.query(descriptors).into_iter().map(|(id, _)| id).collect()
+    }
+
+    /// Notes the pose (world to camera) of a frame relative to a keyframe.
+    pub(crate) fn log_pose(&mut self, stamp: Stamp, reference: KeyframeId, T_camera_world: &Pose) {
+        self.trajectory.push(&self.map, stamp, reference, T_camera_world);
+    }
+
+    /// Adds a keyframe to the current segment, with its matches and new points.
+    pub(crate) fn insert(&mut self, keyframe: Keyframe, matches: &[Match]) -> KeyframeId {
+        let id = local_mapping::insert_keyframe(&mut self.map, &self.camera, &self.config, keyframe, matches);
+        if let Some(keyframe) = self.map.keyframe(id) {
+            self.places.insert(id, keyframe.features.descriptors());
+        }
+        self.order.push(id);
+        self.segments.add(id);
+        id
+    }
+
+    /// From now on keyframes belong to a new segment.
+    pub(crate) fn begin_segment(&mut self) {
+        self.segments.begin();
+    }
+
+    /// From now on keyframes belong to the segment of `keyframe`.
+    pub(crate) fn enter_segment_of(&mut self, keyframe: KeyframeId) {
+        self.segments.enter(keyframe);
+    }
+
+    /// Corrects the measurements of keyframes that were made with another readout time.
+    pub(crate) fn refresh_shutters(&mut self, readout: f64) {
+        local_mapping::refresh_shutters(&mut self.map, &self.camera, readout);
+    }
+
+    /// Corrects the measurements of one keyframe.
+    pub(crate) fn set_shutter(&mut self, keyframe: KeyframeId, shutter: Shutter) {
+        local_mapping::set_shutter(&mut self.map, &self.camera, keyframe, shutter);
+    }
+
+    /// Drops points that proved wrong, and keyframes near `newest` that add nothing. The first one stays: it is the origin.
+    pub(crate) fn cull(&mut self, newest: KeyframeId) {
+        local_mapping::cull_points(&mut self.map, &self.config, &self.order);
+        let first = self.order.first().copied();
+        let candidates: Vec<_> = self.map.covisible(newest).into_iter().map(|(id, _)| id).collect();
+        for id in local_mapping::redundant_keyframes(&self.map, &self.config, &candidates) {
+            // Removing one makes others less redundant.
+            let still = local_mapping::redundant_keyframes(&self.map, &self.config, &[id]).contains(&id);
+            if Some(id) != first && still {
+                self.remove(id);
+            }
+        }
+    }
+
+    fn remove(&mut self, id: KeyframeId) {
+        let standin = self.map.covisible(id).first().map(|(other, _)| *other);
+        let Some(standin) = standin else { return };
+        self.trajectory.replace(&self.map, id, standin);
+        if let Some(keyframe) = self.map.keyframe(id) {
+            self.places.remove(id, keyframe.features.descriptors());
+        }
+        self.map.remove_keyframe(id);
+        self.order.retain(|other| *other != id);
+    }
+
+    /// Corrects the map when `newest` shows a place that was seen long ago. Returns whether it did.
+    pub(crate) fn close_loop(&mut self, newest: KeyframeId, rng: &mut Pcg32) -> bool {
+        if !self.config.places.loop_closing {
+            return false;
+        }
+        let search = loop_closing::Search { places: &self.places, order: &self.order, segments: &self.segments };
+        let localizer = Localizer { camera: &self.camera, config: &self.config, map: &self.map };
+        let Some(found) = loop_closing::detect(&localizer, &search, newest, rng) else { return false };
+        let segment = self.segments.with(&self.order, newest);
+        if self.segments.are_joined(found.current, found.earlier) {
+            loop_closing::close(&mut self.map, &self.camera, &self.config, &segment, &found);
+        } else {
+            loop_closing::merge(&mut self.map, &self.camera, &self.config, &segment, &found);
+            self.segments.join(found.current, found.earlier);
+        }
+        true
+    }
+
+    /// Starts to adjust the map around a keyframe; the result is taken over `delay_frames` after frame `frame_index`.
+    pub(crate) fn start_adjustment(&mut self, center: KeyframeId, frame_index: usize) {
+        let config = self.config.bundle_adjustment.clone();
+        if !config.enabled || self.map.keyframe_count() < 2 {
+            return;
+        }
+        let problem = BundleProblem::local(&self.map, &self.camera, center, &config);
+        let due_frame = frame_index + config.delay_frames;
+        self.adjustment = PendingAdjustment::start(problem, config, due_frame);
+    }
+
+    /// Takes over the adjustment if it is due at frame `frame_index`: at the same frame in every run. Returns how `reference` moved.
+    pub(crate) fn take_over_due(&mut self, frame_index: usize, reference: Option<KeyframeId>) -> Option<Pose> {
+        self.adjustment.as_ref().filter(|pending| pending.is_due(frame_index))?;
+        self.take_over(reference)
+    }
+
+    /// Waits for the adjustment under way and writes it into the map. Returns how `reference` moved: `T_before_after`.
+    pub(crate) fn take_over(&mut self, reference: Option<KeyframeId>) -> Option<Pose> {
+        let result = self.adjustment.take().and_then(PendingAdjustment::wait)?;
+        let pose_of = |map: &Map| reference.and_then(|id| map.keyframe(id)).map(|k| k.T_camera_world);
+        let before = pose_of(&self.map);
+        bundle_adjustment::apply(&mut self.map, &result);
+        Some(before?.inverse() * pose_of(&self.map)?)
+    }
+
+    /// Forgets everything but the camera.
+    pub(crate) fn clear(&mut self, seed: u64) {
+        // A solver that is still at work must not outlive what it was meant for.
+        drop(self.adjustment.take().and_then(PendingAdjustment::wait));
+        *self = Self::new(self.camera, self.config.clone(), seed);
+    }
+
+    /// Writes the largest segment to a file.
+    ///
+    /// # Errors
+    /// When the file cannot be written.
+    pub(crate) fn save(&self, path: &Path) -> Result<(), MapFileError> {
+        let order = self.segments.largest(&self.order);
+        if order.len() == self.order.len() {
+            return map_file::save(path, &self.map, &order, &self.camera);
+        }
+        let mut map = self.map.clone();
+        self.order.iter().filter(|id| !order.contains(id)).for_each(|id| map.remove_keyframe(*id));
+        map_file::save(path, &map, &order, &self.camera)
+    }
+
+    /// Fills an empty mapper with the map of a file.
+    ///
+    /// # Errors
+    /// When the file is no map of this camera.
+    pub(crate) fn load(&mut self, path: &Path) -> Result<(), MapFileError> {
+        let (map, order) = map_file::load(path, &self.camera)?;
+        for (id, keyframe) in order.iter().filter_map(|id| Some((*id, map.keyframe(*id)?))) {
+            self.places.insert(id, keyframe.features.descriptors());
+        }
+        (self.map, self.order) = (map, order);
+        Ok(())
+    }
+
+    /// Poses (camera to world) of all logged frames by the present state of the map.
+    pub(crate) fn trajectory(&self) -> Vec<StampedPose> {
+        self.trajectory.poses(&self.map)
+    }
+
+    /// Poses (camera to world) of the keyframes, oldest first.
+    pub(crate) fn keyframe_trajectory(&self) -> Vec<StampedPose> {
+        let pose = |id: &KeyframeId| {
+            self.map.keyframe(*id).map(|k| StampedPose { stamp: k.stamp, pose: k.T_camera_world.inverse() })
+        };
+        self.order.iter().filter_map(pose).collect()
+    }
+}
