@@ -194,13 +194,16 @@ fn report_frame(arguments: &Arguments, i: usize, counts: &Counts, result: &Segme
 fn summarise(name: &str, all: &[Counts], times: &mut [f64]) {
     let moving = |c: &&Counts| share(c.hit + c.missed, c.hit + c.missed + c.wrong + c.still) > MIN_MOVING_SHARE;
     let dynamic: Vec<&Counts> = all.iter().filter(moving).collect();
-    let mean = |f: &dyn Fn(&Counts) -> f64| dynamic.iter().map(|c| f(c)).sum::<f64>() / dynamic.len().max(1) as f64;
+    let mean = |f: &dyn Fn(&Counts) -> f64| match dynamic.len() {
+        0 => "–".to_owned(),
+        count => format!("{:.3}", dynamic.iter().map(|c| f(c)).sum::<f64>() / count as f64),
+    };
     let masked = all.iter().map(|c| c.static_masked() * 100.0);
     let worst = masked.clone().fold(0.0, f64::max);
     times.sort_by(f64::total_cmp);
     let at = |q: f64| times[((times.len() - 1) as f64 * q) as usize];
     println!(
-        "{name:<28} {:>6} {:>6.3} {:>6.3} {:>6.3}  {:>7.2} {:>7.2}  {:>6.1} {:>6.1}",
+        "{name:<28} {:>6} {:>6} {:>6} {:>6}  {:>7.2} {:>7.2}  {:>6.1} {:>6.1}",
         dynamic.len(),
         mean(&Counts::precision),
         mean(&Counts::recall),

@@ -167,6 +167,8 @@ pub struct PfdConfig {
     pub region: RegionShape,
     /// Extend what moves over the rest of the thing that it is a part of: a gesturing person is more than arms.
     pub whole_things: bool,
+    /// Corners that move together speak for the surface around them.
+    pub moving_corners: bool,
     /// Carry regions through time.
     pub temporal: bool,
     /// Ignore changes of brightness that leave the local texture as it is.
@@ -206,6 +208,7 @@ impl Default for PfdConfig {
             static_model: true,
             region: RegionShape::DepthEdges,
             whole_things: true,
+            moving_corners: true,
             temporal: true,
             shadow_rejection: true,
             particle_support: true,

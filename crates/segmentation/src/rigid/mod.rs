@@ -13,6 +13,7 @@ mod report;
 mod segmenter;
 mod static_model;
 mod surfaces;
+mod territories;
 mod things;
 mod unmeasured;
 mod view;

@@ -23,6 +23,8 @@ pub(crate) struct CornerMove {
     pub(crate) to: usize,
     /// Movement, pixels.
     pub(crate) displacement: [f32; 2],
+    /// Movement beyond that of the camera, pixels; zero without depth.
+    pub(crate) residual: [f32; 2],
     /// Squared normalised residual under the camera motion; `None` without depth.
     pub(crate) chi2: Option<f32>,
 }
@@ -144,12 +146,15 @@ impl MotionEstimator {
             .iter()
             .filter_map(|c| {
                 let displacement = [c.to[0] - c.from[0], c.to[1] - c.from[1]];
-                Some(CornerMove { from: camera.nearest(c.from)?, to: camera.nearest(c.to)?, displacement, chi2: None })
+                let (from, to) = (camera.nearest(c.from)?, camera.nearest(c.to)?);
+                Some(CornerMove { from, to, displacement, residual: [0.0; 2], chi2: None })
             })
             .collect();
         let tracks = with_depth(camera, found, &previous.depth, &current.depth, |_| 1.0);
         for (k, track) in tracks {
             if let Some(corner) = corners.get_mut(k) {
+                let expected = camera.project(motion.apply(track.point));
+                corner.residual = [track.pixel[0] - expected[0], track.pixel[1] - expected[1]];
                 corner.chi2 = Some(ego_motion::squared_residual(camera, &self.noise, &motion, &track));
             }
         }

@@ -16,6 +16,7 @@ use super::regions::{BACKGROUND, Component, components, dilate, fill_holes, fill
 use super::report;
 use super::static_model::StaticModel;
 use super::surfaces::Surfaces;
+use super::territories::{Territories, Verdict};
 use super::things;
 use super::unmeasured::Unmeasured;
 use super::view::{Motion, View, ViewFrame};
@@ -56,6 +57,7 @@ pub(crate) struct RigidSegmenter {
     frames: usize,
     buffers: Buffers,
     surfaces: Surfaces,
+    territories: Territories,
     unmeasured: Unmeasured,
     /// Follows the evidence (paper, section 3.2), in pixels of the camera image.
     filter: ParticleFilter,
@@ -102,13 +104,19 @@ const CORNER_CHI2: f32 = 30.0;
 const CORNER_RADIUS: usize = 2;
 /// Evidence per pixel of a thing that moves by these votes: as much as one clear difference of texture.
 const MOVING_THING: f32 = 0.3;
+/// The same around corners that move together, …
+const MOVING_CORNERS: f32 = 0.3;
+/// … and where there is only one frame to compare with.
+const MOVING_CORNERS_ALONE: f32 = 1.0;
+/// Evidence against motion per pixel around a still corner beside a mover.
+const STILL_CORNER: f32 = 0.2;
 /// Weight of the assumption "static" where nothing is known.
 const PRIOR: f32 = 0.04;
 /// Regions start where the log-odds exceed this.
 const HYSTERESIS: f32 = 0.3;
 /// Mean log-odds from which a region that continues nothing is believed.
 const NEW_ODDS: f32 = 0.2;
-/// Uncertainty of a warp, working pixels: interpolation and pose, …
+/// Uncertainty of a warp, and of a corner under it, working pixels: interpolation and pose, …
 const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
 const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
@@ -149,6 +157,7 @@ impl RigidSegmenter {
             frames: 0,
             buffers: Buffers::default(),
             surfaces: Surfaces::default(),
+            territories: Territories::default(),
             unmeasured: Unmeasured::default(),
             filter: ParticleFilter::new((camera.width, camera.height), config.particles, seed),
             search: ParticleFilter::new((camera.width, camera.height), config.particles, seed ^ SEARCH_STREAM),
@@ -239,6 +248,9 @@ impl RigidSegmenter {
         if self.config.whole_things {
             self.blame_things(&estimate.corners);
         }
+        if self.config.moving_corners {
+            self.blame_territories(&estimate.corners);
+        }
         for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
             splat(&camera, corner.to, &mut self.field);
         }
@@ -253,6 +265,24 @@ impl RigidSegmenter {
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {
             if moves.get(surface as usize).is_some_and(|m| *m) {
                 self.field.add(i, 1.0, MOVING_THING);
+            }
+        }
+    }
+
+    /// Adds evidence around corners that move together, and against motion around the still ones beside them. The fewer earlier
+    /// frames there are to compare with, the more corners say.
+    fn blame_territories(&mut self, corners: &[CornerMove]) {
+        let camera = self.view.camera;
+        let span = self.history.front().zip(self.history.back()).map_or(0.0, |(new, old)| new.time - old.time);
+        let unknown = (1.0 - span / self.config.older_reference_age).clamp(0.0, 1.0) as f32;
+        let moving = MOVING_CORNERS + (MOVING_CORNERS_ALONE - MOVING_CORNERS) * unknown;
+        self.territories.divide(&camera, &self.noise, &self.current, corners);
+        let verdicts = self.territories.verdicts(corners, WARP_SIGMA + WARP_SIGMA_PER_PIXEL * self.flow);
+        for (corner, pixel) in self.territories.owned(&camera) {
+            match verdicts[corner] {
+                Verdict::Silent => {}
+                Verdict::Moving => self.field.add(pixel, 1.0, moving),
+                Verdict::Still => self.field.add(pixel, 0.0, STILL_CORNER),
             }
         }
     }
@@ -396,8 +426,10 @@ impl RigidSegmenter {
             return;
         }
         let camera = self.view.camera;
-        let (labels, cells) = (&self.objects.labels, &self.field.cells);
-        let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| cells[i][0] / (cells[i][1] + PRIOR));
+        let (labels, cells, explained) = (&self.objects.labels, &self.field.cells, &self.field.explained);
+        // What the static model explains is not in doubt, whatever evidence has come to it from a mover beside it.
+        let share = |i: usize| (1.0 - explained[i]) * cells[i][0] / (cells[i][1] + PRIOR);
+        let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| share(i));
         self.surfaces.describe(&camera, self.current.depth.pixels(), doubt);
         let mut rng = Pcg64Mcg::seed_from_u64(self.seed ^ self.frames as u64);
         let depth = self.current.depth.pixels();

@@ -1,0 +1,307 @@
+//! Which corner speaks for which pixels, and which corners move together.
+//!
+//! Each corner owns the part of its surface that is nearer to it, along the surface, than to any other corner. Corners that leave the
+//! camera motion in the same way, side by side, are a mover, and evidence over their territories finds all of it in two frames. The
+//! still corners around it hold theirs: a mover that touches a desk does not take it along.
+
+use pfd_geometry::DepthNoise;
+
+use super::motion::CornerMove;
+use super::view::{Pinhole, ViewFrame};
+
+/// Side of a cell of the grid on which distances are measured, working pixels.
+const CELL: usize = 2;
+/// Reach of a corner, cells: two corner spacings.
+const REACH: f32 = 16.0;
+/// What a difference of one grey level adds to a step of one cell.
+const PER_LEVEL: f32 = 0.05;
+/// Depth steps of more than this many standard deviations of the sensor, on top of the slope, end a territory.
+const STEP_SIGMAS: f32 = 3.0;
+/// Depth change per metre of depth between neighbouring cells of a surface seen at a grazing angle (about 80°).
+const SLOPE: f32 = 0.04;
+/// A corner on an outline belongs to the nearest surface within so many cells: what is in front owns the outline, …
+const OUTLINE: usize = 2;
+/// … if it is nearer by this share.
+const IN_FRONT: f32 = 0.05;
+/// Pairs of scans that measure distances; each turn of a path against both scan directions takes another.
+const SCANS: usize = 2;
+
+/// Standard deviations of its place in the image from which a corner may belong to a mover. Depth has no say: on an outline it is often
+/// that of the other side.
+const MOVES_SIGMAS: f32 = 2.5;
+/// Corners side by side that make a mover at least.
+const MIN_GROUP: u32 = 4;
+/// Residuals of neighbours on one mover differ by no more than this, working pixels, …
+const SPREAD: f32 = 0.5;
+/// … and this share of the larger one: a mover may turn.
+const RELATIVE_SPREAD: f32 = 0.5;
+/// How many territories deep the still corners around a mover are asked.
+const RINGS: usize = 4;
+
+const NOBODY: u16 = u16::MAX;
+
+/// What a corner says about its territory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// Nothing.
+    #[default]
+    Silent,
+    /// It moves, together with its neighbours.
+    Moving,
+    /// It stands still beside a mover.
+    Still,
+}
+
+/// The parts of the view, by the corner that owns them.
+#[derive(Debug, Default)]
+pub(crate) struct Territories {
+    size: (usize, usize),
+    depth: Vec<f32>,
+    gray: Vec<u8>,
+    owners: Vec<u16>,
+    distances: Vec<f32>,
+    /// Pairs of corners whose territories touch in the image, across depth edges as well; smaller index first.
+    borders: Vec<(u16, u16)>,
+}
+
+impl Territories {
+    /// Divides the view among the corners with depth.
+    pub(crate) fn divide(&mut self, camera: &Pinhole, noise: &DepthNoise, frame: &ViewFrame, corners: &[CornerMove]) {
+        self.load(camera, frame);
+        let cells = self.depth.len();
+        self.owners.clear();
+        self.owners.resize(cells, NOBODY);
+        self.distances.clear();
+        self.distances.resize(cells, REACH);
+        for (k, corner) in corners.iter().enumerate().take(NOBODY as usize).filter(|(_, c)| c.chi2.is_some()) {
+            if let Some(seat) = self.seat(camera, corner.to) {
+                (self.owners[seat], self.distances[seat]) = (k as u16, 0.0);
+            }
+        }
+        self.measure((noise.offset as f32, noise.quadratic as f32));
+        self.find_borders();
+    }
+
+    /// What each corner says; `sigma`: of a still corner's place, pixels.
+    pub(crate) fn verdicts(&self, corners: &[CornerMove], sigma: f32) -> Vec<Verdict> {
+        let moves = |k: u16| {
+            let CornerMove { residual: [x, y], chi2, .. } = corners[k as usize];
+            chi2.is_some() && x.hypot(y) > MOVES_SIGMAS * sigma
+        };
+        let mut group: Vec<u16> = (0..corners.len().min(NOBODY as usize) as u16).collect();
+        for &(a, b) in self.borders.iter().filter(|(a, b)| moves(*a) && moves(*b)) {
+            if move_alike(&corners[a as usize], &corners[b as usize]) {
+                let (a, b) = (root(&mut group, a), root(&mut group, b));
+                group[a.max(b) as usize] = a.min(b);
+            }
+        }
+        let mut sizes = vec![0_u32; group.len()];
+        for k in (0..group.len() as u16).filter(|&k| moves(k)) {
+            sizes[root(&mut group, k) as usize] += 1;
+        }
+        let mut verdicts = vec![Verdict::Silent; corners.len()];
+        for k in (0..group.len() as u16).filter(|&k| moves(k)) {
+            if sizes[root(&mut group, k) as usize] >= MIN_GROUP {
+                verdicts[k as usize] = Verdict::Moving;
+            }
+        }
+        self.ask_around(&mut verdicts, |k| !moves(k));
+        verdicts
+    }
+
+    /// The corner that owns each working pixel, with the pixel.
+    pub(crate) fn owned<'a>(&'a self, camera: &'a Pinhole) -> impl Iterator<Item = (usize, usize)> + 'a {
+        let (columns, width) = (self.size.0, camera.width);
+        let pixels = move |cell: usize| {
+            let first = cell / columns * CELL * width + cell % columns * CELL;
+            (0..CELL * CELL).map(move |k| first + k / CELL * width + k % CELL)
+        };
+        let owned = self.owners.iter().enumerate().filter(|(_, owner)| **owner != NOBODY);
+        owned.flat_map(move |(cell, &owner)| pixels(cell).map(move |pixel| (owner as usize, pixel)))
+    }
+
+    fn load(&mut self, camera: &Pinhole, frame: &ViewFrame) {
+        self.size = (camera.width / CELL, camera.height / CELL);
+        self.depth.clear();
+        self.gray.clear();
+        for v in 0..self.size.1 {
+            let row = (0..self.size.0).map(|u| v * CELL * camera.width + u * CELL);
+            self.depth.extend(row.clone().map(|i| frame.depth.pixels()[i]));
+            self.gray.extend(row.map(|i| frame.gray.pixels()[i]));
+        }
+    }
+
+    /// The cell from which a corner's territory grows.
+    fn seat(&self, camera: &Pinhole, corner: usize) -> Option<usize> {
+        let (columns, rows) = self.size;
+        let (u, v) = (corner % camera.width / CELL, corner / camera.width / CELL);
+        if u >= columns || v >= rows {
+            return None;
+        }
+        let mut seat = v * columns + u;
+        for y in v.saturating_sub(OUTLINE)..(v + OUTLINE + 1).min(rows) {
+            for cell in (u.saturating_sub(OUTLINE)..(u + OUTLINE + 1).min(columns)).map(|x| y * columns + x) {
+                let (there, here) = (self.depth[cell], self.depth[seat]);
+                if there > 0.0 && (here == 0.0 || there < (1.0 - IN_FRONT) * here) {
+                    seat = cell;
+                }
+            }
+        }
+        Some(seat)
+    }
+
+    /// Distances along the surface by raster scans (see [`super::unmeasured`]).
+    fn measure(&mut self, noise: (f32, f32)) {
+        let (columns, cells) = (self.size.0, self.depth.len());
+        for _ in 0..SCANS {
+            for i in 0..cells {
+                if i % columns > 0 {
+                    self.relax(i, i - 1, noise);
+                }
+                if i >= columns {
+                    self.relax(i, i - columns, noise);
+                }
+            }
+            for i in (0..cells).rev() {
+                if (i + 1) % columns > 0 {
+                    self.relax(i, i + 1, noise);
+                }
+                if i + columns < cells {
+                    self.relax(i, i + columns, noise);
+                }
+            }
+        }
+    }
+
+    /// Gives cell `i` to the owner of its neighbour `from` if the way through that is shorter.
+    #[inline]
+    fn relax(&mut self, i: usize, from: usize, noise: (f32, f32)) {
+        let through = self.distances[from] + 1.0;
+        if self.owners[from] == NOBODY || through >= self.distances[i] || !self.connects(i, from, noise) {
+            return;
+        }
+        let through = through + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[from]));
+        if through < self.distances[i] {
+            (self.owners[i], self.distances[i]) = (self.owners[from], through);
+        }
+    }
+
+    /// Whether no depth step lies between two neighbouring cells.
+    #[inline]
+    fn connects(&self, i: usize, j: usize, (offset, quadratic): (f32, f32)) -> bool {
+        let (a, b) = (self.depth[i], self.depth[j]);
+        let z = if a < b { a } else { b };
+        let sigma = std::f32::consts::SQRT_2 * (offset + quadratic * z * z);
+        z > 0.0 && (a - b).abs() < STEP_SIGMAS * sigma + SLOPE * z
+    }
+
+    fn find_borders(&mut self) {
+        let columns = self.size.0;
+        self.borders.clear();
+        for (i, &owner) in self.owners.iter().enumerate() {
+            let right = if (i + 1) % columns > 0 { i + 1 } else { i };
+            for j in [right, i + columns].into_iter().filter(|&j| j < self.owners.len()) {
+                let other = self.owners[j];
+                if owner != other && owner != NOBODY && other != NOBODY {
+                    self.borders.push((owner.min(other), owner.max(other)));
+                }
+            }
+        }
+        self.borders.sort_unstable();
+        self.borders.dedup();
+    }
+
+    /// Lets the still corners around movers speak.
+    fn ask_around(&self, verdicts: &mut [Verdict], is_still: impl Fn(u16) -> bool) {
+        for _ in 0..RINGS {
+            let ring: Vec<u16> = self
+                .borders
+                .iter()
+                .flat_map(|&(a, b)| [(a, b), (b, a)])
+                .filter(|&(from, to)| verdicts[from as usize] != Verdict::Silent && is_still(to))
+                .map(|(_, to)| to)
+                .collect();
+            for k in ring {
+                if verdicts[k as usize] == Verdict::Silent {
+                    verdicts[k as usize] = Verdict::Still;
+                }
+            }
+        }
+    }
+}
+
+fn move_alike(a: &CornerMove, b: &CornerMove) -> bool {
+    let length = |[x, y]: [f32; 2]| x.hypot(y);
+    let difference = length([a.residual[0] - b.residual[0], a.residual[1] - b.residual[1]]);
+    difference < SPREAD + RELATIVE_SPREAD * length(a.residual).max(length(b.residual))
+}
+
+/// The root of a group, halving the path.
+fn root(group: &mut [u16], mut k: u16) -> u16 {
+    while group[k as usize] != k {
+        group[k as usize] = group[group[k as usize] as usize];
+        k = group[k as usize];
+    }
+    k
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::Image;
+
+    const CAMERA: Pinhole = Pinhole { width: 80, height: 16, fx: 80.0, fy: 80.0, cx: 39.5, cy: 7.5 };
+
+    /// A wall at 2 m; from column 40 on something at 1 m.
+    fn frame() -> ViewFrame {
+        let mut frame = ViewFrame { gray: Image::filled(80, 16, 90), depth: Image::filled(80, 16, 2.0) };
+        for v in 0..16 {
+            (40..80).for_each(|u| frame.depth[(u, v)] = 1.0);
+        }
+        frame
+    }
+
+    fn corner(u: usize, residual: [f32; 2]) -> CornerMove {
+        let to = 8 * CAMERA.width + u;
+        let chi2 = Some(100.0 * residual[0].hypot(residual[1]));
+        CornerMove { from: to, to, displacement: residual, residual, chi2 }
+    }
+
+    fn verdicts(corners: &[CornerMove]) -> (Territories, Vec<Verdict>) {
+        let mut territories = Territories::default();
+        territories.divide(&CAMERA, &DepthNoise::default(), &frame(), corners);
+        let verdicts = territories.verdicts(corners, 0.4);
+        (territories, verdicts)
+    }
+
+    #[test]
+    fn territories_end_at_depth_edges_and_halfway() {
+        let (territories, _) = verdicts(&[corner(10, [0.0; 2]), corner(30, [0.0; 2]), corner(60, [0.0; 2])]);
+        let owner = |u: usize| territories.owned(&CAMERA).find(|(_, i)| *i == 8 * CAMERA.width + u).map(|(k, _)| k);
+        assert_eq!([2, 18, 24, 38, 42, 70].map(owner), [Some(0), Some(0), Some(1), Some(1), Some(2), Some(2)]);
+        assert_eq!(territories.borders, [(0, 1), (1, 2)]);
+    }
+
+    #[test]
+    fn an_outline_belongs_to_what_is_in_front() {
+        let (territories, _) = verdicts(&[corner(38, [0.0; 2])]);
+        assert!(territories.owned(&CAMERA).all(|(_, i)| i % CAMERA.width >= 40));
+    }
+
+    #[test]
+    fn neighbours_that_move_alike_are_a_mover_and_still_ones_beside_them_object() {
+        use Verdict::{Moving, Silent, Still};
+        let right = [2.0, 0.0];
+        let four = [44, 50, 56, 62].map(|u| corner(u, right));
+        let beside = [corner(70, [0.0; 2]), corner(30, [0.0; 2])];
+        let (_, found) = verdicts(&[&four[..], &beside].concat());
+        assert_eq!(found, [Moving, Moving, Moving, Moving, Still, Still]);
+        let (_, found) = verdicts(&[&four[..], &[corner(4, [0.0; 2])]].concat());
+        assert_eq!(found[4], Silent, "not beside them");
+        let (_, three) = verdicts(&[&four[1..], &beside].concat());
+        assert!(three.iter().all(|v| *v == Silent));
+        let scattered = [(44, [2.0, 0.0]), (50, [-2.0, 0.0]), (56, [0.0, 2.0]), (62, [0.0, -2.0])];
+        let (_, found) = verdicts(&scattered.map(|(u, r)| corner(u, r)));
+        assert!(found.iter().all(|v| *v == Silent), "noise has no common direction");
+    }
+}
