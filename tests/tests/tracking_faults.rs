@@ -214,6 +214,9 @@ fn without_depth_tracking_goes_on_and_adds_no_points() {
     assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
 }
 
+/// Errors that differ by less are taken to be equal.
+const WORSE: f64 = 1.1;
+
 /// A mask that covers the given share of the image from the left.
 fn curtain(share: f64) -> Mask {
     let mut mask = Mask::empty(640, 480);
@@ -237,6 +240,36 @@ fn a_mask_that_covers_nearly_everything_does_not_stop_tracking() {
         }
         assert!(run.ate() < DISTURBED_ATE, "ATE {} with {share}", run.ate());
     }
+}
+
+/// What is known of the sequence does not decide whether a wrong mask is seen through: it may be wrong from the start.
+#[test]
+fn a_mask_that_wrongly_covers_most_from_the_start_does_no_harm() {
+    let play = |mask: Option<&Mask>| {
+        let mut run = Run::new();
+        for i in 0..60 {
+            assert_eq!(run.track(&run.frame(i), mask).state, TrackingState::Ok, "frame {i}");
+        }
+        run.ate()
+    };
+    let without = play(None);
+    for share in [0.6, 0.8, 0.95] {
+        let with = play(Some(&curtain(share)));
+        assert!(with < WORSE * without, "ATE {with} with {share} covered, {without} without a mask");
+    }
+}
+
+#[test]
+fn a_mask_on_what_moves_is_believed_however_large_it_is() {
+    let play = |doubtful_mask: f64| {
+        let mut config = TrackingConfig::default();
+        config.pose.doubtful_mask = doubtful_mask;
+        let mut run = Run::with(&config);
+        run.play(0..60);
+        run.ate()
+    };
+    let (never, always) = (play(1.0), play(0.01));
+    assert!(always < WORSE * never, "ATE {always} with masks that are checked against the map, {never} with trust");
 }
 
 #[test]

@@ -172,11 +172,14 @@ pub struct PoseConfig {
     /// With fewer inliers outside the mask than this, the frame is tracked a second time without the mask.
     #[schemars(range(min = 6, max = 500))]
     pub min_unmasked_inliers: usize,
+    /// A mask that covers more than this share of the image is given up where the map is seen behind it.
+    #[schemars(range(min = 0.1, max = 1.0))]
+    pub doubtful_mask: f64,
 }
 
 impl Default for PoseConfig {
     fn default() -> Self {
-        Self { min_inliers: 20, min_initial_points: 80, min_unmasked_inliers: 40 }
+        Self { min_inliers: 20, min_initial_points: 80, min_unmasked_inliers: 40, doubtful_mask: 0.4 }
     }
 }
 

@@ -16,6 +16,7 @@ mod loop_closing;
 pub mod map;
 pub mod map_file;
 mod mapper;
+mod mask_check;
 pub mod matching;
 mod motion;
 pub mod places;

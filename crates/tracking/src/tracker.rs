@@ -17,6 +17,7 @@ use crate::localization::{Expectation, Localized, Localizer};
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
 use crate::map_file::MapFileError;
 use crate::mapper::Mapper;
+use crate::mask_check;
 use crate::motion::Motion;
 use crate::refinement::Refinement;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
@@ -161,6 +162,7 @@ impl Tracker {
     /// The pose of the candidate: with the mask, where that leaves too little without, and at last by recognising the place.
     fn localize(&mut self, candidate: &mut Candidate<'_>) -> Result<Option<Localized>, TrackingError> {
         if self.active.is_none() {
+            self.see_enough_to_start(candidate)?;
             return Ok(None);
         }
         if self.state == TrackingState::Lost {
@@ -173,6 +175,18 @@ impl Tracker {
             return Ok(self.relocalize(&candidate.features));
         }
         Ok(followed)
+    }
+
+    /// A map starts without a mask that leaves too little for it, or covers much: nothing is known yet that could contradict it, and as
+    /// long as it stays, little else would ever be tracked. What moves is found out by [`Self::begin_anew`].
+    fn see_enough_to_start(&mut self, candidate: &mut Candidate<'_>) -> Result<(), TrackingError> {
+        let Some(mask) = candidate.mask else { return Ok(()) };
+        let few = candidate.features.with_depth() < self.config.pose.min_initial_points;
+        if few || mask.fraction() > self.config.pose.doubtful_mask {
+            candidate.mask = None;
+            candidate.features = self.extract(candidate.frame, None)?;
+        }
+        Ok(())
     }
 
     /// Makes the most of a pose that was found: see [`Refinement`].
@@ -189,26 +203,32 @@ impl Tracker {
         self.refinement.refine(&localizer, velocity, features, found)
     }
 
+    /// Follows the camera by what the mask leaves. Where that is too little, or the mask covers much and the map is seen behind it,
+    /// the mask is given up.
     fn follow_with_or_without_mask(
         &mut self,
         candidate: &mut Candidate<'_>,
     ) -> Result<Option<Localized>, TrackingError> {
         let Some(active) = &self.active else { return Ok(None) };
         let masked = self.follow(active, candidate);
-        let enough = |l: &Localized| l.matches.len() >= self.config.pose.min_unmasked_inliers;
-        if candidate.mask.is_none() || masked.as_ref().is_some_and(enough) {
+        let Some(mask) = candidate.mask else { return Ok(masked) };
+        let enough = masked.as_ref().is_some_and(|l| l.matches.len() >= self.config.pose.min_unmasked_inliers);
+        if enough && mask.fraction() < self.config.pose.doubtful_mask {
             return Ok(masked);
         }
-        let mask = candidate.mask.take();
-        let features = std::mem::take(&mut candidate.features);
-        candidate.features = self.extract(candidate.frame, None)?;
+        let unmasked_features = self.extract(candidate.frame, None)?;
+        let masked_features = std::mem::replace(&mut candidate.features, unmasked_features);
         let unmasked = self.active.as_ref().and_then(|active| self.follow(active, candidate));
-        if unmasked.is_none() {
-            candidate.mask = mask;
-            candidate.features = features;
-            return Ok(masked);
+        let model = (&self.camera, &self.config);
+        let is_better = |found: &Localized| {
+            !enough || mask_check::is_contradicted(self.mapper.map(), model, mask, &candidate.features, found)
+        };
+        if unmasked.as_ref().is_some_and(is_better) {
+            candidate.mask = None;
+            return Ok(unmasked);
         }
-        Ok(unmasked)
+        candidate.features = masked_features;
+        Ok(masked)
     }
 
     fn follow(&self, active: &Active, candidate: &Candidate<'_>) -> Option<Localized> {

@@ -1,0 +1,56 @@
+//! Whether the map contradicts a mask: points of the static scene that are seen where the mask says that something moves.
+
+use nalgebra::Point2;
+use pfd_geometry::{Camera, Mask};
+
+use crate::config::TrackingConfig;
+use crate::image_features::ImageFeatures;
+use crate::localization::Localized;
+use crate::map::Map;
+use crate::matching::predict;
+
+/// Keyframes that must have seen a point for it to count as part of the static scene, if there are so many.
+const ESTABLISHED: usize = 3;
+/// Points that must be seen behind the mask.
+const MIN_SEEN: usize = 5;
+/// Points behind the mask must be seen this often as compared with those beside it: in a static scene equally often, behind a mover hardly
+/// ever.
+const MIN_RATIO: f64 = 0.5;
+
+/// How many points should be seen, and are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sight {
+    expected: usize,
+    seen: usize,
+}
+
+impl Sight {
+    fn share(self) -> f64 {
+        self.seen as f64 / self.expected.max(1) as f64
+    }
+}
+
+/// Whether a frame that was localised without its mask shows the static scene behind the mask.
+pub(crate) fn is_contradicted(
+    map: &Map,
+    (camera, config): (&Camera, &TrackingConfig),
+    mask: &Mask,
+    features: &ImageFeatures,
+    found: &Localized,
+) -> bool {
+    let is_masked = |p: &Point2<f64>| mask.is_dynamic(p.x.max(0.0) as usize, p.y.max(0.0) as usize);
+    let enough = ESTABLISHED.min(map.keyframe_count());
+    let established = |id| map.point(id).filter(|point| point.observations().len() >= enough);
+    let (mut behind, mut beside) = (Sight::default(), Sight::default());
+    for &id in &found.sought {
+        let Some(point) = established(id) else { continue };
+        let Some(expected) = predict(camera, &found.T_camera_world, point, config) else { continue };
+        let sight = if is_masked(&expected.pixel) { &mut behind } else { &mut beside };
+        sight.expected += 1;
+    }
+    for m in found.matches.iter().filter(|m| established(m.point).is_some()) {
+        let sight = if is_masked(&features.measurement(m.feature).pixel) { &mut behind } else { &mut beside };
+        sight.seen += 1;
+    }
+    behind.seen >= MIN_SEEN && behind.share() > MIN_RATIO * beside.share()
+}
