@@ -44,7 +44,7 @@ impl Run {
     fn track(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> TrackedFrame {
         let tracked = self.tracker.track(frame, mask).unwrap();
         if let Some(pose) = tracked.T_world_camera {
-            assert!(pose::is_finite(&pose));
+            assert!(pose::is_finite(&pose) && (pose.rotation.norm() - 1.0).abs() < 1e-12, "{pose}");
             let stamp = tracked.stamp.offset_by(-self.delay);
             self.live.push(StampedPose { stamp, pose });
         }

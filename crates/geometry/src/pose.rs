@@ -84,6 +84,14 @@ fn inverse_left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() - s * 0.5 + s * s * b
 }
 
+/// The pose with a rotation of length one. Quaternions are inverted by conjugation, so a product with inverses takes over the errors of
+/// all its factors: where a pose follows from itself by way of others, as that of a camera from its keyframe's, rounding errors grow
+/// exponentially unless each is brought back to length one.
+pub fn renormalized(mut pose: Pose) -> Pose {
+    pose.rotation.renormalize();
+    pose
+}
+
 /// Whether every number of the pose is finite.
 pub fn is_finite(pose: &Pose) -> bool {
     pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())
@@ -101,6 +109,23 @@ mod tests {
                 Vector6::new(rho[0], rho[1], rho[2], phi.x, phi.y, phi.z)
             },
         )
+    }
+
+    #[test]
+    fn a_pose_that_follows_from_itself_keeps_its_length() {
+        let step = exp(&Vector6::new(0.1, 0.0, 0.02, 0.01, 0.3, -0.02));
+        let follow = |mend: fn(Pose) -> Pose| {
+            // A camera that moves with its keyframe, and a keyframe that is where the camera was.
+            let (mut camera, mut keyframe) = (step, step);
+            for _ in 0..60 {
+                let corrected = mend(step * keyframe);
+                camera = mend(camera * keyframe.inverse() * corrected);
+                keyframe = camera;
+            }
+            (camera.rotation.norm() - 1.0).abs()
+        };
+        assert!(follow(renormalized) < 1e-12);
+        assert!(follow(|pose| pose) > 1e-3, "what the function is for");
     }
 
     proptest! {

@@ -247,7 +247,7 @@ impl LeastSquares<POSE, POINT> for BundleProblem {
 pub fn apply(map: &mut Map, result: &BundleResult) {
     for (id, pose) in result.poses.iter().filter(|(_, pose)| pose::is_finite(pose)) {
         if let Some(keyframe) = map.keyframe_mut(*id) {
-            keyframe.T_camera_world = *pose;
+            keyframe.move_to(pose);
         }
     }
     for (id, position) in &result.points {

@@ -155,7 +155,7 @@ fn move_map(map: &mut Map, corrected: &BTreeMap<KeyframeId, Pose>) {
         .collect();
     for (id, pose) in corrected {
         if let Some(keyframe) = map.keyframe_mut(*id) {
-            keyframe.T_camera_world = *pose;
+            keyframe.move_to(pose);
         }
     }
     for (id, position) in points {

@@ -72,19 +72,19 @@ impl Motion {
         self.interval = stamp.seconds_since(self.stamp);
         self.T_odom_camera *= self.velocity.inverse();
         self.T_odom_camera.rotation.renormalize();
-        self.T_camera_world = T_camera_world;
+        self.T_camera_world = pose::renormalized(T_camera_world);
         self.stamp = stamp;
     }
 
     /// The map moved under the camera: the pose changes, neither velocity nor odometry do.
     pub(crate) fn correct(&mut self, T_camera_world: Pose) {
-        self.T_camera_world = T_camera_world;
+        self.T_camera_world = pose::renormalized(T_camera_world);
     }
 
     /// The last two poses were estimated anew; odometry goes on from where it is.
     pub(crate) fn revise(&mut self, T_before_world: &Pose, T_camera_world: Pose) {
         self.velocity = T_camera_world * T_before_world.inverse();
-        self.T_camera_world = T_camera_world;
+        self.T_camera_world = pose::renormalized(T_camera_world);
     }
 
     /// The camera was found again at `stamp`: a new pose, at rest, without a jump in the odometry.

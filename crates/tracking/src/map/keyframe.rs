@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pfd_geometry::{Pose, Stamp};
+use pfd_geometry::{Pose, Stamp, pose};
 
 use super::{KeyframeId, MapPointId};
 use crate::image_features::ImageFeatures;
@@ -29,7 +29,14 @@ impl Keyframe {
     #[allow(non_snake_case)]
     pub fn new(stamp: Stamp, frame_index: usize, T_camera_world: Pose, features: ImageFeatures) -> Self {
         let points = vec![None; features.len()];
+        let T_camera_world = pose::renormalized(T_camera_world);
         Self { stamp, frame_index, T_camera_world, features, points, covisible: BTreeMap::new() }
+    }
+
+    /// Changes the pose (world to camera).
+    #[allow(non_snake_case)]
+    pub fn move_to(&mut self, T_camera_world: &Pose) {
+        self.T_camera_world = pose::renormalized(*T_camera_world);
     }
 
     /// The map point that each feature shows.

@@ -30,6 +30,9 @@ pub struct Observation {
     pub feature: usize,
 }
 
+/// Rotations differ from length one by no more than rounding errors.
+const UNIT_TOLERANCE: f64 = 1e-12;
+
 /// Keyframes, map points, and who saw what.
 #[derive(Clone, Debug, Default)]
 pub struct Map {
@@ -218,7 +221,7 @@ impl Map {
         }
     }
 
-    /// Checks that both ends of every observation agree, and that the counts of shared points are right.
+    /// Checks that both ends of every observation agree, that the counts of shared points are right, and that poses are rotations.
     ///
     /// # Errors
     /// What is wrong, in words.
@@ -235,6 +238,10 @@ impl Map {
             }
         }
         for (id, keyframe) in &self.keyframes {
+            let length = keyframe.T_camera_world.rotation.norm();
+            if !((length - 1.0).abs() < UNIT_TOLERANCE) {
+                return Err(format!("the rotation of {id:?} has length {length}"));
+            }
             for (feature, point) in keyframe.points().iter().enumerate() {
                 let Some(point) = point else { continue };
                 let there = self.points.get(*point).and_then(|p| p.observed_in(id));
