@@ -239,7 +239,7 @@ impl Map {
         }
         for (id, keyframe) in &self.keyframes {
             let length = keyframe.T_camera_world.rotation.norm();
-            if !((length - 1.0).abs() < UNIT_TOLERANCE) {
+            if length.is_nan() || (length - 1.0).abs() > UNIT_TOLERANCE {
                 return Err(format!("the rotation of {id:?} has length {length}"));
             }
             for (feature, point) in keyframe.points().iter().enumerate() {
