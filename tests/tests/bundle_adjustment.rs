@@ -14,7 +14,6 @@ use pfd_tracking::config::BundleAdjustmentConfig;
 use pfd_tracking::image_features::ImageFeatures;
 use pfd_tracking::map::{Keyframe, Map, Observation};
 use pfd_tracking::residual::Measurement;
-use pfd_vision::features::{Descriptor, Feature};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 
@@ -103,19 +102,10 @@ fn measure(scene: &Scene, rng: &mut Pcg32) -> Vec<Vec<Measurement>> {
 }
 
 fn map_of(scene: &Scene, measured: &[Vec<Measurement>]) -> Map {
-    let feature = |m: &Measurement| Feature {
-        u: m.pixel.x as f32,
-        v: m.pixel.y as f32,
-        angle: 0.0,
-        level: 0,
-        response: 1.0,
-        descriptor: Descriptor::default(),
-    };
     let mut map = Map::default();
     let views: Vec<_> = (0..VIEWS)
         .map(|i| {
-            let features = measured[i].iter().map(feature).collect();
-            let seen = ImageFeatures::from_parts((640, 480), features, measured[i].clone(), vec![[0; 3]; POINTS]);
+            let seen = ImageFeatures::from_measurements((640, 480), measured[i].clone());
             map.add_keyframe(Keyframe::new(Stamp::from_nanos(i as i64), i, scene.poses[i], seen))
         })
         .collect();

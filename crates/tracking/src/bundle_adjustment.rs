@@ -270,7 +270,6 @@ mod tests {
     use crate::map::{Keyframe, Observation};
     use nalgebra::{Point2, Vector3, Vector6};
     use pfd_geometry::{Distortion, Stamp};
-    use pfd_vision::features::{Descriptor, Feature};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg32;
 
@@ -300,17 +299,8 @@ mod tests {
             let depth = with_depth.then_some((in_camera.z, 0.02));
             Measurement { pixel: Point2::new(pixel.x, pixel.y), sigma: 1.0, depth }
         };
-        let measurements: Vec<_> = true_points().iter().map(see).collect();
-        let feature = |m: &Measurement| Feature {
-            u: m.pixel.x as f32,
-            v: m.pixel.y as f32,
-            angle: 0.0,
-            level: 0,
-            response: 1.0,
-            descriptor: Descriptor::default(),
-        };
-        let features = measurements.iter().map(feature).collect();
-        let features = ImageFeatures::from_parts((640, 480), features, measurements, vec![[0; 3]; POINTS]);
+        let measurements = true_points().iter().map(see).collect();
+        let features = ImageFeatures::from_measurements((640, 480), measurements);
         Keyframe::new(Stamp::from_nanos(i as i64), i, pose, features)
     }
 

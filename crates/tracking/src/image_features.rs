@@ -71,6 +71,20 @@ impl ImageFeatures {
         Self { size, features, raw, measurements, colors, patches, shutter: Shutter::default(), grid }
     }
 
+    /// Features of which only the place is known, as in simulations.
+    pub fn from_measurements(size: (usize, usize), measurements: Vec<Measurement>) -> Self {
+        let feature = |m: &Measurement| Feature {
+            u: m.pixel.x as f32,
+            v: m.pixel.y as f32,
+            angle: 0.0,
+            level: 0,
+            response: 1.0,
+            descriptor: Descriptor::default(),
+        };
+        let (features, count) = (measurements.iter().map(feature).collect(), measurements.len());
+        Self::from_parts(size, features, measurements, vec![[0; 3]; count])
+    }
+
     /// Number of features.
     pub fn len(&self) -> usize {
         self.features.len()

@@ -5,9 +5,6 @@ use crate::image_features::ImageFeatures;
 use crate::map::{KeyframeId, Map};
 use crate::matching::Match;
 
-/// Keyframes that must have seen a point of the reference keyframe for it to count.
-const ESTABLISHED: usize = 3;
-
 /// A frame beside the map.
 pub(crate) struct Situation<'a> {
     pub(crate) frame_index: usize,
@@ -32,11 +29,7 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
     if gap < config.mapping.min_keyframe_gap || without_mask {
         return false;
     }
-    let established = usize::min(ESTABLISHED, map.keyframe_count());
-    let of_reference = reference
-        .observed()
-        .filter(|(_, p)| map.point(*p).is_some_and(|p| p.observations().len() >= established))
-        .count();
+    let of_reference = reference.observed().filter(|(_, point)| map.established(*point).is_some()).count();
     let few = (matches.len() as f64) < config.mapping.keyframe_inlier_ratio * of_reference as f64;
     let with_depth = |m: &&Match| features.measurement(m.feature).depth.is_some();
     let matched_with_depth = matches.iter().filter(with_depth).count();

@@ -24,6 +24,8 @@ use crate::trajectory::TrajectoryLog;
 pub(crate) struct Mapper {
     camera: Camera,
     config: TrackingConfig,
+    /// Decides how places are indexed.
+    seed: u64,
     map: Map,
     /// Living keyframes in the order of their creation.
     order: Vec<KeyframeId>,
@@ -35,11 +37,12 @@ pub(crate) struct Mapper {
 
 #[allow(non_snake_case)]
 impl Mapper {
-    /// A mapper without a map; `seed` decides how places are indexed.
+    /// A mapper without a map.
     pub(crate) fn new(camera: Camera, config: TrackingConfig, seed: u64) -> Self {
         Self {
             camera,
             config,
+            seed,
             map: Map::default(),
             order: Vec::new(),
             places: PlaceIndex::new(seed),
@@ -68,7 +71,7 @@ impl Mapper {
     }
 
     /// Keyframes that may show what is described, likeliest first.
-    pub(crate) fn look_alikes<'a>(
+    pub(crate) fn place_candidates<'a>(
         &self,
         descriptors: impl Iterator<Item = &'a pfd_vision::features::Descriptor>,
     ) -> Vec<KeyframeId> {
@@ -180,11 +183,11 @@ impl Mapper {
         Some(before?.inverse() * pose_of(&self.map)?)
     }
 
-    /// Forgets everything but the camera.
-    pub(crate) fn clear(&mut self, seed: u64) {
+    /// Forgets everything but camera, configuration and seed.
+    pub(crate) fn clear(&mut self) {
         // A solver that is still at work must not outlive what it was meant for.
         drop(self.adjustment.take().and_then(PendingAdjustment::wait));
-        *self = Self::new(self.camera, self.config.clone(), seed);
+        *self = Self::new(self.camera, self.config.clone(), self.seed);
     }
 
     /// Writes the largest segment to a file.

@@ -9,8 +9,6 @@ use crate::localization::Localized;
 use crate::map::Map;
 use crate::matching::predict;
 
-/// Keyframes that must have seen a point for it to count as part of the static scene, if there are so many.
-const ESTABLISHED: usize = 3;
 /// Points that must be seen behind the mask.
 const MIN_SEEN: usize = 5;
 /// Points behind the mask must be seen this often as compared with those beside it: in a static scene equally often, behind a mover hardly
@@ -39,16 +37,14 @@ pub(crate) fn is_contradicted(
     found: &Localized,
 ) -> bool {
     let is_masked = |p: &Point2<f64>| mask.is_dynamic(p.x.max(0.0) as usize, p.y.max(0.0) as usize);
-    let enough = ESTABLISHED.min(map.keyframe_count());
-    let established = |id| map.point(id).filter(|point| point.observations().len() >= enough);
     let (mut behind, mut beside) = (Sight::default(), Sight::default());
     for &id in &found.sought {
-        let Some(point) = established(id) else { continue };
+        let Some(point) = map.established(id) else { continue };
         let Some(expected) = predict(camera, &found.T_camera_world, point, config) else { continue };
         let sight = if is_masked(&expected.pixel) { &mut behind } else { &mut beside };
         sight.expected += 1;
     }
-    for m in found.matches.iter().filter(|m| established(m.point).is_some()) {
+    for m in found.matches.iter().filter(|m| map.established(m.point).is_some()) {
         let sight = if is_masked(&features.measurement(m.feature).pixel) { &mut behind } else { &mut beside };
         sight.seen += 1;
     }

@@ -167,7 +167,6 @@ mod tests {
     use super::*;
     use nalgebra::Point2;
     use pfd_geometry::{Distortion, Stamp, pose};
-    use pfd_vision::features::{Descriptor, Feature};
     use rand::{RngExt, SeedableRng};
     use rand_pcg::Pcg32;
 
@@ -196,10 +195,7 @@ mod tests {
     }
 
     fn features(measurements: Vec<Measurement>) -> ImageFeatures {
-        let feature =
-            Feature { u: 0.0, v: 0.0, angle: 0.0, level: 0, response: 1.0, descriptor: Descriptor::default() };
-        let count = measurements.len();
-        ImageFeatures::from_parts((640, 480), vec![feature; count], measurements, vec![[0; 3]; count])
+        ImageFeatures::from_measurements((640, 480), measurements)
     }
 
     #[test]

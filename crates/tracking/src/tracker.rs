@@ -138,7 +138,7 @@ impl Tracker {
         let mut timing = std::mem::take(&mut tracked.timing);
         timing.measure("map", || {
             if let Some((candidate, localized)) = found {
-                tracked.is_keyframe = self.learn(candidate, &localized);
+                tracked.is_keyframe = self.update_map(candidate, &localized);
             }
         });
         let map = self.mapper.map();
@@ -245,7 +245,7 @@ impl Tracker {
         if !self.config.places.relocalization {
             return None;
         }
-        let ids = self.mapper.look_alikes(features.descriptors());
+        let ids = self.mapper.place_candidates(features.descriptors());
         let mut rng = self.rng.clone();
         let found = self.localizer().relocalize(features, ids.into_iter(), self.config.places.min_inliers, &mut rng);
         self.rng = rng;
@@ -319,7 +319,7 @@ impl Tracker {
     /// Puts a map made of `candidate` in the place of the present one; `poses` are those of all frames up to it.
     fn replace_map(&mut self, candidate: &Candidate<'_>, poses: &[(Stamp, Pose)]) {
         let [.., (_, before), (stamp, pose)] = poses else { return };
-        self.mapper.clear(self.seed);
+        self.mapper.clear();
         let keyframe = Keyframe::new(*stamp, candidate.index, *pose, candidate.features.clone());
         let reference = self.mapper.insert(keyframe, &[]);
         for (stamp, pose) in poses {
@@ -409,7 +409,7 @@ impl Tracker {
     }
 
     /// What a frame whose pose is known means for the map. Returns whether it became a keyframe.
-    fn learn(&mut self, candidate: Candidate<'_>, localized: &Localized) -> bool {
+    fn update_map(&mut self, candidate: Candidate<'_>, localized: &Localized) -> bool {
         if !self.config.mapping.enabled {
             return false;
         }
@@ -420,7 +420,7 @@ impl Tracker {
         if !self.keyframe_is_due(&candidate, localized) {
             return false;
         }
-        self.finish();
+        self.take_over_adjustment();
         self.add_keyframe(candidate, localized);
         true
     }
@@ -477,6 +477,10 @@ impl Tracker {
 
     /// Waits for background work and takes it over.
     pub fn finish(&mut self) {
+        self.take_over_adjustment();
+    }
+
+    fn take_over_adjustment(&mut self) {
         let reference = self.active.as_ref().map(|active| active.reference);
         let moved = self.mapper.take_over(reference);
         self.move_with_map(moved);
@@ -484,7 +488,7 @@ impl Tracker {
 
     /// Forgets the map and everything else; configuration and camera, with its readout time, stay.
     pub fn reset(&mut self) {
-        self.mapper.clear(self.seed);
+        self.mapper.clear();
         self.rng = Pcg32::seed_from_u64(self.seed);
         self.state = TrackingState::NotInitialized;
         self.last_stamp = None;

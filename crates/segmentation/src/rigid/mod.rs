@@ -1,7 +1,9 @@
 //! Motion segmentation by rigid ego-motion: the engine of mode `pfd`.
 
+mod continuity;
 mod corners;
 mod diffusion;
+mod disjoint_sets;
 mod ego_motion;
 mod evidence;
 mod motion;

@@ -2,12 +2,9 @@
 
 use pfd_geometry::DepthNoise;
 
+use super::continuity::Continuity;
+use super::disjoint_sets::{join, root};
 use super::view::Pinhole;
-
-/// Depth steps of more than this many standard deviations of the sensor, on top of the slope, separate surfaces.
-const STEP_SIGMAS: f32 = 3.0;
-/// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (about 80°).
-const SLOPE: f32 = 0.02;
 
 /// Label of pixels without depth.
 pub(crate) const NO_SURFACE: u32 = u32::MAX;
@@ -126,25 +123,20 @@ impl Surfaces {
 
     /// Gives every run of connected pixels of a row an index, and joins the indices of runs that connect with the row above.
     fn connect(&mut self, width: usize, noise: &DepthNoise, depth: &[f32]) {
-        let (offset, quadratic) = (noise.offset as f32, noise.quadratic as f32);
-        let connected = |a: f32, b: f32| {
-            let z = if a < b { a } else { b };
-            let sigma = std::f32::consts::SQRT_2 * (offset + quadratic * z * z);
-            z > 0.0 && (a - b).abs() < STEP_SIGMAS * sigma + SLOPE * z
-        };
+        let continuity = Continuity::new(noise, 1);
         self.parents.clear();
         self.labels.clear();
         self.labels.resize(depth.len(), NO_SURFACE);
         let mut joined = (NO_SURFACE, NO_SURFACE);
         for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z > 0.0) {
-            let run = if i % width > 0 && connected(z, depth[i - 1]) {
+            let run = if i % width > 0 && continuity.connects(z, depth[i - 1]) {
                 self.labels[i - 1]
             } else {
                 self.parents.push(self.parents.len() as u32);
                 self.parents.len() as u32 - 1
             };
             self.labels[i] = run;
-            if i >= width && connected(z, depth[i - width]) {
+            if i >= width && continuity.connects(z, depth[i - width]) {
                 let contact = (run, self.labels[i - width]);
                 // Two runs mostly touch along many pixels.
                 if contact != joined {
@@ -166,12 +158,12 @@ impl Surfaces {
                 continue;
             }
             // The root of a set is its first run, so it has its surface already.
-            let root = find(&mut self.parents, run) as usize;
-            if self.surface_of_run[root] == NO_SURFACE {
-                self.surface_of_run[root] = self.list.len() as u32;
+            let first = root(&mut self.parents, run) as usize;
+            if self.surface_of_run[first] == NO_SURFACE {
+                self.surface_of_run[first] = self.list.len() as u32;
                 self.list.push(Surface::default());
             }
-            self.labels[i] = self.surface_of_run[root];
+            self.labels[i] = self.surface_of_run[first];
         }
     }
 
@@ -209,20 +201,6 @@ impl Surfaces {
     fn count_hidden(&mut self, i: usize, still: &impl Fn(usize) -> bool) {
         self.list[self.labels[i] as usize].hidden += u32::from(still(i));
     }
-}
-
-/// The root of a set, halving the path (Tarjan and van Leeuwen 1984).
-fn find(parents: &mut [u32], mut i: u32) -> u32 {
-    while parents[i as usize] != i {
-        parents[i as usize] = parents[parents[i as usize] as usize];
-        i = parents[i as usize];
-    }
-    i
-}
-
-fn join(parents: &mut [u32], a: u32, b: u32) {
-    let (a, b) = (find(parents, a), find(parents, b));
-    parents[a.max(b) as usize] = a.min(b);
 }
 
 #[cfg(test)]

@@ -1,11 +1,14 @@
 //! Which corner speaks for which pixels, and which corners move together.
 //!
-//! Each corner owns the part of its surface that is nearer to it, along the surface, than to any other corner. Corners that leave the
+//! Each corner owns the part of its surface that is nearer to it, along the surface, than to any other corner: its cell of the geodesic
+//! Voronoi diagram. Corners that leave the
 //! camera motion in the same way, side by side, are a mover, and evidence over their territories finds all of it in two frames. The
 //! still corners around it hold theirs: a mover that touches a desk does not take it along.
 
 use pfd_geometry::DepthNoise;
 
+use super::continuity::Continuity;
+use super::disjoint_sets::{join, root};
 use super::motion::CornerMove;
 use super::view::{Pinhole, ViewFrame};
 
@@ -15,10 +18,6 @@ const CELL: usize = 2;
 const REACH: f32 = 16.0;
 /// What a difference of one grey level adds to a step of one cell.
 const PER_LEVEL: f32 = 0.05;
-/// Depth steps of more than this many standard deviations of the sensor, on top of the slope, end a territory.
-const STEP_SIGMAS: f32 = 3.0;
-/// Depth change per metre of depth between neighbouring cells of a surface seen at a grazing angle (about 80°).
-const SLOPE: f32 = 0.04;
 /// A corner on an outline belongs to the nearest surface within so many cells: what is in front owns the outline, …
 const OUTLINE: usize = 2;
 /// … if it is nearer by this share.
@@ -78,7 +77,7 @@ impl Territories {
                 (self.owners[seat], self.distances[seat]) = (k as u16, 0.0);
             }
         }
-        self.measure((noise.offset as f32, noise.quadratic as f32));
+        self.measure(Continuity::new(noise, CELL));
         self.find_borders();
     }
 
@@ -88,21 +87,21 @@ impl Territories {
             let CornerMove { residual: [x, y], chi2, .. } = corners[k as usize];
             chi2.is_some() && x.hypot(y) > MOVES_SIGMAS * sigma
         };
-        let mut group: Vec<u16> = (0..corners.len().min(NOBODY as usize) as u16).collect();
+        let mut groups: Vec<u32> = (0..corners.len() as u32).collect();
         for &(a, b) in self.borders.iter().filter(|(a, b)| moves(*a) && moves(*b)) {
             if move_alike(&corners[a as usize], &corners[b as usize]) {
-                let (a, b) = (root(&mut group, a), root(&mut group, b));
-                group[a.max(b) as usize] = a.min(b);
+                join(&mut groups, a.into(), b.into());
             }
         }
-        let mut sizes = vec![0_u32; group.len()];
-        for k in (0..group.len() as u16).filter(|&k| moves(k)) {
-            sizes[root(&mut group, k) as usize] += 1;
+        let movers: Vec<usize> = (0..corners.len()).filter(|&k| moves(k as u16)).collect();
+        let mut sizes = vec![0_u32; corners.len()];
+        for &k in &movers {
+            sizes[root(&mut groups, k as u32) as usize] += 1;
         }
         let mut verdicts = vec![Verdict::Silent; corners.len()];
-        for k in (0..group.len() as u16).filter(|&k| moves(k)) {
-            if sizes[root(&mut group, k) as usize] >= MIN_GROUP {
-                verdicts[k as usize] = Verdict::Moving;
+        for &k in &movers {
+            if sizes[root(&mut groups, k as u32) as usize] >= MIN_GROUP {
+                verdicts[k] = Verdict::Moving;
             }
         }
         self.ask_around(&mut verdicts, |k| !moves(k));
@@ -151,23 +150,23 @@ impl Territories {
     }
 
     /// Distances along the surface by raster scans (see [`super::unmeasured`]).
-    fn measure(&mut self, noise: (f32, f32)) {
+    fn measure(&mut self, continuity: Continuity) {
         let (columns, cells) = (self.size.0, self.depth.len());
         for _ in 0..SCANS {
             for i in 0..cells {
                 if i % columns > 0 {
-                    self.relax(i, i - 1, noise);
+                    self.relax(i, i - 1, continuity);
                 }
                 if i >= columns {
-                    self.relax(i, i - columns, noise);
+                    self.relax(i, i - columns, continuity);
                 }
             }
             for i in (0..cells).rev() {
                 if (i + 1) % columns > 0 {
-                    self.relax(i, i + 1, noise);
+                    self.relax(i, i + 1, continuity);
                 }
                 if i + columns < cells {
-                    self.relax(i, i + columns, noise);
+                    self.relax(i, i + columns, continuity);
                 }
             }
         }
@@ -175,24 +174,16 @@ impl Territories {
 
     /// Gives cell `i` to the owner of its neighbour `from` if the way through that is shorter.
     #[inline]
-    fn relax(&mut self, i: usize, from: usize, noise: (f32, f32)) {
+    fn relax(&mut self, i: usize, from: usize, continuity: Continuity) {
         let through = self.distances[from] + 1.0;
-        if self.owners[from] == NOBODY || through >= self.distances[i] || !self.connects(i, from, noise) {
+        let shorter = self.owners[from] != NOBODY && through < self.distances[i];
+        if !shorter || !continuity.connects(self.depth[i], self.depth[from]) {
             return;
         }
         let through = through + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[from]));
         if through < self.distances[i] {
             (self.owners[i], self.distances[i]) = (self.owners[from], through);
         }
-    }
-
-    /// Whether no depth step lies between two neighbouring cells.
-    #[inline]
-    fn connects(&self, i: usize, j: usize, (offset, quadratic): (f32, f32)) -> bool {
-        let (a, b) = (self.depth[i], self.depth[j]);
-        let z = if a < b { a } else { b };
-        let sigma = std::f32::consts::SQRT_2 * (offset + quadratic * z * z);
-        z > 0.0 && (a - b).abs() < STEP_SIGMAS * sigma + SLOPE * z
     }
 
     fn find_borders(&mut self) {
@@ -234,15 +225,6 @@ fn move_alike(a: &CornerMove, b: &CornerMove) -> bool {
     let length = |[x, y]: [f32; 2]| x.hypot(y);
     let difference = length([a.residual[0] - b.residual[0], a.residual[1] - b.residual[1]]);
     difference < SPREAD + RELATIVE_SPREAD * length(a.residual).max(length(b.residual))
-}
-
-/// The root of a group, halving the path.
-fn root(group: &mut [u16], mut k: u16) -> u16 {
-    while group[k as usize] != k {
-        group[k as usize] = group[group[k as usize] as usize];
-        k = group[k as usize];
-    }
-    k
 }
 
 #[cfg(test)]

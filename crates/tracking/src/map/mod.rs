@@ -30,6 +30,9 @@ pub struct Observation {
     pub feature: usize,
 }
 
+/// Keyframes that must have seen a point for it to count as part of the static scene, if there are so many.
+const ESTABLISHED: usize = 3;
+
 /// Rotations differ from length one by no more than rounding errors.
 const UNIT_TOLERANCE: f64 = 1e-12;
 
@@ -64,6 +67,12 @@ impl Map {
     /// A map point, unless it was removed.
     pub fn point(&self, id: MapPointId) -> Option<&MapPoint> {
         self.points.get(id)
+    }
+
+    /// A map point, if it is part of the static scene as far as can be told: three keyframes have seen it, or all there are.
+    pub fn established(&self, id: MapPointId) -> Option<&MapPoint> {
+        let enough = ESTABLISHED.min(self.keyframe_count());
+        self.point(id).filter(|point| point.observations().len() >= enough)
     }
 
     /// A map point to change; its observations stay as they are.
@@ -272,19 +281,11 @@ mod tests {
     use crate::residual::Measurement;
     use nalgebra::Point2;
     use pfd_geometry::{Pose, Stamp};
-    use pfd_vision::features::{Descriptor, Feature};
     use proptest::prelude::*;
 
     fn keyframe(features: usize) -> Keyframe {
-        let feature =
-            Feature { u: 1.0, v: 1.0, angle: 0.0, level: 0, response: 1.0, descriptor: Descriptor::default() };
         let measured = Measurement { pixel: Point2::new(1.0, 1.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
-        let features = ImageFeatures::from_parts(
-            (64, 64),
-            vec![feature; features],
-            vec![measured; features],
-            vec![[0; 3]; features],
-        );
+        let features = ImageFeatures::from_measurements((64, 64), vec![measured; features]);
         Keyframe::new(Stamp::default(), 0, Pose::identity(), features)
     }
 
