@@ -130,14 +130,17 @@ impl SlamProcessor {
     }
 
     /// Makes the tracker anew when the camera changed, and starts afresh when time was set back.
-    fn prepare(&mut self, frame: &Frame, slam: &SlamConfig) -> anyhow::Result<()> {
+    fn prepare(&mut self, frame: &Frame, slam: &SlamConfig, queue: Queue) -> anyhow::Result<()> {
         let stamp = frame.images.stamp();
         let mut tracker = self.parts.shared.tracker();
         if tracker.is_none() || self.camera != Some(frame.camera) {
             if tracker.is_some() {
                 tracing::warn!("the camera's size or calibration changed: starting a new map");
             }
-            *tracker = Some(Tracker::new(frame.camera, &slam.tracking, slam.seed)?);
+            let mut new = Tracker::new(frame.camera, &slam.tracking, slam.seed)?;
+            // A live camera does not wait; a recording is to give the same in every run.
+            new.set_waiting(queue == Queue::All);
+            *tracker = Some(new);
             self.camera = Some(frame.camera);
         }
         if self.last_stamp.replace(stamp).is_some_and(|last| is_set_back(last, stamp)) {
@@ -170,7 +173,7 @@ impl SlamProcessor {
 
     fn work(&mut self, frame: &Frame, segmented: Option<Segmented>) -> anyhow::Result<()> {
         let settings = self.settings.get();
-        self.prepare(frame, &settings.slam)?;
+        self.prepare(frame, &settings.slam, settings.node.queue)?;
         let Received::Track(received) = self.mask(frame.images.stamp(), &settings.node, settings.slam.mode) else {
             return Ok(());
         };

@@ -31,6 +31,12 @@ impl Localized {
     fn is_clear(&self) -> bool {
         self.consensus >= MIN_CONSENSUS
     }
+
+    /// Whether the agreeing ones are also most of what was sought: after a wrong prediction, points at one depth can agree on a pose
+    /// that trades translation for rotation, while those nearer or farther are not found at all.
+    fn is_complete(&self) -> bool {
+        self.is_clear() && self.matches.len() as f64 >= MIN_FOUND * self.sought.len() as f64
+    }
 }
 
 /// What is known of the camera before a frame is seen; poses are world to camera.
@@ -55,6 +61,9 @@ const WIDER: f64 = 2.5;
 /// Share of agreeing associations from which no other start is tried. Where the search is in the right place two of three and more
 /// agree; beside it, on repeated texture, a third still finds a pose to agree on.
 const MIN_CONSENSUS: f64 = 0.65;
+/// Share of the points of the last frame that must be found, or other starts are tried as well. From one frame to the next two thirds
+/// and more stay in view.
+const MIN_FOUND: f64 = 0.5;
 
 /// What localisation works with.
 #[derive(Clone, Copy)]
@@ -101,11 +110,11 @@ impl Localizer<'_> {
         self.best([&|| within(radius), &|| within(WIDER * radius)])
     }
 
-    /// The first of several attempts on whose pose most associations agree; if there is none, the one with most inliers.
-    pub fn best<const N: usize>(&self, attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
+    /// The first of several attempts that is complete; if there is none, the one with most inliers.
+    fn best<const N: usize>(&self, attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
         let mut best: Option<Localized> = None;
         for found in attempts.into_iter().filter_map(|attempt| attempt()) {
-            if found.is_clear() {
+            if found.is_complete() {
                 return Some(found);
             }
             if best.as_ref().is_none_or(|b| found.matches.len() > b.matches.len()) {

@@ -33,6 +33,8 @@ pub(crate) struct Mapper {
     segments: Segments,
     trajectory: TrajectoryLog,
     adjustment: Option<PendingAdjustment>,
+    /// Whether an adjustment that is due but not done is waited for.
+    waits: bool,
 }
 
 #[allow(non_snake_case)]
@@ -49,6 +51,7 @@ impl Mapper {
             segments: Segments::default(),
             trajectory: TrajectoryLog::default(),
             adjustment: None,
+            waits: true,
         }
     }
 
@@ -168,10 +171,25 @@ impl Mapper {
         self.adjustment = PendingAdjustment::start(problem, config, due_frame);
     }
 
-    /// Takes over the adjustment if it is due at frame `frame_index`: at the same frame in every run. Returns how `reference` moved.
+    /// See [`crate::Tracker::set_waiting`].
+    pub(crate) fn set_waiting(&mut self, waits: bool) {
+        self.waits = waits;
+    }
+
+    pub(crate) fn waits(&self) -> bool {
+        self.waits
+    }
+
+    /// Takes over the adjustment if it is due at frame `frame_index`: at the same frame in every run, unless it is late and nobody
+    /// waits. Returns how `reference` moved.
     pub(crate) fn take_over_due(&mut self, frame_index: usize, reference: Option<KeyframeId>) -> Option<Pose> {
-        self.adjustment.as_ref().filter(|pending| pending.is_due(frame_index))?;
+        self.adjustment.as_ref().filter(|pending| pending.is_due(frame_index) && (self.waits || pending.is_done()))?;
         self.take_over(reference)
+    }
+
+    /// Whether a keyframe would have to wait for the adjustment under way.
+    pub(crate) fn is_busy(&self) -> bool {
+        !self.waits && self.adjustment.as_ref().is_some_and(|pending| !pending.is_done())
     }
 
     /// Waits for the adjustment under way and writes it into the map. Returns how `reference` moved: `T_before_after`.
@@ -187,7 +205,7 @@ impl Mapper {
     pub(crate) fn clear(&mut self) {
         // A solver that is still at work must not outlive what it was meant for.
         drop(self.adjustment.take().and_then(PendingAdjustment::wait));
-        *self = Self::new(self.camera, self.config.clone(), self.seed);
+        *self = Self { waits: self.waits, ..Self::new(self.camera, self.config.clone(), self.seed) };
     }
 
     /// Writes the largest segment to a file.
@@ -228,5 +246,63 @@ impl Mapper {
             self.map.keyframe(*id).map(|k| StampedPose { stamp: k.stamp, pose: k.T_camera_world.inverse() })
         };
         self.order.iter().filter_map(pose).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bundle_adjustment::BundleResult;
+    use pfd_geometry::Distortion;
+    use pfd_optimization::{Summary, Termination};
+    use std::sync::mpsc;
+
+    fn mapper(waits: bool) -> Mapper {
+        let camera = Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap();
+        let mut mapper = Mapper::new(camera, TrackingConfig::default(), 0);
+        mapper.set_waiting(waits);
+        mapper
+    }
+
+    /// An adjustment due at frame 3 that is done when the sender is dropped.
+    fn slow_adjustment() -> (mpsc::Sender<()>, PendingAdjustment) {
+        let (finish, finished) = mpsc::channel::<()>();
+        let worker = std::thread::spawn(move || {
+            let _ = finished.recv();
+            let (iterations, termination) = (0, Termination::Converged);
+            let summary = Summary { initial_cost: 0.0, final_cost: 0.0, iterations, termination };
+            BundleResult { poses: Vec::new(), points: Vec::new(), outliers: Vec::new(), summary }
+        });
+        (finish, PendingAdjustment::of(worker, 3))
+    }
+
+    #[test]
+    fn a_late_adjustment_holds_nobody_up_who_does_not_wait() {
+        let (finish, adjustment) = slow_adjustment();
+        let mut mapper = mapper(false);
+        mapper.adjustment = Some(adjustment);
+        assert!(mapper.is_busy());
+        mapper.take_over_due(3, None);
+        assert!(mapper.adjustment.is_some(), "taken over although it is not done");
+        drop(finish);
+        while mapper.is_busy() {
+            std::thread::yield_now();
+        }
+        mapper.take_over_due(2, None);
+        assert!(mapper.adjustment.is_some(), "taken over before it was due");
+        mapper.take_over_due(5, None);
+        assert!(mapper.adjustment.is_none());
+    }
+
+    #[test]
+    fn who_waits_takes_an_adjustment_over_at_the_frame_for_which_it_is_due() {
+        let (finish, adjustment) = slow_adjustment();
+        let mut mapper = mapper(true);
+        mapper.adjustment = Some(adjustment);
+        assert!(!mapper.is_busy());
+        let late = std::thread::spawn(move || drop(finish));
+        mapper.take_over_due(3, None);
+        assert!(mapper.adjustment.is_none());
+        late.join().unwrap();
     }
 }

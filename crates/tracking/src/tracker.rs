@@ -95,6 +95,12 @@ impl Tracker {
         })
     }
 
+    /// Whether a frame waits for a bundle adjustment that is not done when its result is due (the default: every run gives the same).
+    /// Otherwise frames go on without it, and the next keyframe comes when it is done.
+    pub fn set_waiting(&mut self, waits: bool) {
+        self.mapper.set_waiting(waits);
+    }
+
     /// Estimates the pose of `frame` and extends the map. Pixels that `mask` calls dynamic are not used.
     ///
     /// # Errors
@@ -417,7 +423,7 @@ impl Tracker {
             return true;
         }
         self.remember(&candidate, localized);
-        if !self.keyframe_is_due(&candidate, localized) {
+        if !self.keyframe_is_due(&candidate, localized) || self.mapper.is_busy() {
             return false;
         }
         self.take_over_adjustment();
@@ -512,6 +518,7 @@ impl Tracker {
     pub fn load_map(&mut self, path: &Path) -> Result<(), MapFileError> {
         let mut mapper = Mapper::new(self.camera, self.config.clone(), self.seed);
         mapper.load(path)?;
+        mapper.set_waiting(self.mapper.waits());
         self.reset();
         self.mapper = mapper;
         let newest = self.mapper.newest().and_then(|id| Some((id, self.mapper.map().keyframe(id)?)));
