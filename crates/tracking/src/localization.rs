@@ -65,6 +65,20 @@ const MIN_CONSENSUS: f64 = 0.65;
 /// and more stay in view.
 const MIN_FOUND: f64 = 0.5;
 
+/// The first of several attempts that is complete; if there is none, the one with most inliers.
+fn first_complete<const N: usize>(attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
+    let mut best: Option<Localized> = None;
+    for found in attempts.into_iter().filter_map(|attempt| attempt()) {
+        if found.is_complete() {
+            return Some(found);
+        }
+        if best.as_ref().is_none_or(|b| found.matches.len() > b.matches.len()) {
+            best = Some(found);
+        }
+    }
+    best
+}
+
 /// What localisation works with.
 #[derive(Clone, Copy)]
 pub struct Localizer<'a> {
@@ -83,7 +97,7 @@ impl Localizer<'_> {
         let refine = |first: Localized| {
             self.in_local_map(features, &first, self.config.matching.local_map_radius).or(Some(first))
         };
-        let expected = self.best([&|| near(&known.predicted), &|| near(&known.last)]);
+        let expected = first_complete([&|| near(&known.predicted), &|| near(&known.last)]);
         if expected.as_ref().is_some_and(Localized::is_clear) {
             return expected.and_then(refine);
         }
@@ -107,21 +121,7 @@ impl Localizer<'_> {
             let found = self.solve(features, matches, predicted, self.config.pose.min_inliers)?;
             Some(Localized { sought: last_points.to_vec(), ..found })
         };
-        self.best([&|| within(radius), &|| within(WIDER * radius)])
-    }
-
-    /// The first of several attempts that is complete; if there is none, the one with most inliers.
-    fn best<const N: usize>(&self, attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
-        let mut best: Option<Localized> = None;
-        for found in attempts.into_iter().filter_map(|attempt| attempt()) {
-            if found.is_complete() {
-                return Some(found);
-            }
-            if best.as_ref().is_none_or(|b| found.matches.len() > b.matches.len()) {
-                best = Some(found);
-            }
-        }
-        best
+        first_complete([&|| within(radius), &|| within(WIDER * radius)])
     }
 
     /// Matches the descriptors of a keyframe, without regard to position (section V-D). The pose that most of them agree on is the
