@@ -19,6 +19,8 @@ const MOVER_FRONT: f32 = 0.75;
 const THING_FRONT: f32 = 0.9;
 /// Furniture is mostly planar and people are not: a still part with more than this share on one plane is what a mover touches.
 const MAX_PLANAR: f32 = 0.8;
+/// Of what a mover merely touches less than this share is taken for moving: a thing of which more moves does so as a whole, planar or not.
+const MOSTLY_MOVING: f32 = 0.5;
 
 /// For each surface, whether it is a thing on which most corners move on their own.
 pub(crate) fn that_move(surfaces: &Surfaces, camera: &Pinhole, corners: &[CornerMove]) -> Vec<bool> {
@@ -45,11 +47,43 @@ pub(crate) fn owners(
     let is_still = |i: usize| objects.labels[i] == BACKGROUND;
     objects.owners(surfaces, |index, moving| {
         let surface = &surfaces.list[index];
-        let in_part = moving as f32 > MOVING_PART * surface.pixels as f32;
+        let share = moving as f32 / surface.pixels.max(1) as f32;
         let curved = |rng| {
             let points = surfaces.sample(index as u32, is_still, camera, depth);
             planar_share(&points, noise, rng) < MAX_PLANAR
         };
-        in_part && surface.is_thing(camera, THING_FRONT) && curved(&mut *rng)
+        let whole = |rng| share > MOSTLY_MOVING || curved(rng);
+        share > MOVING_PART && surface.is_thing(camera, THING_FRONT) && whole(&mut *rng)
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rigid::regions::Component;
+    use rand::SeedableRng;
+
+    const CAMERA: Pinhole = Pinhole { width: 40, height: 20, fx: 40.0, fy: 40.0, cx: 19.5, cy: 9.5 };
+
+    /// Whether a flat plate before a wall, of which the left `columns` of twenty were found to move, moves as a whole.
+    fn plate_moves(columns: usize) -> bool {
+        let on_plate = |i: usize| (10..30).contains(&(i % 40)) && (4..16).contains(&(i / 40));
+        let depth: Vec<f32> = (0..800).map(|i| if on_plate(i) { 1.0 } else { 2.0 }).collect();
+        let moving: Vec<u32> = (0..800).filter(|&i| on_plate(i) && i % 40 < 10 + columns).map(|i| i as u32).collect();
+        let mut objects = Objects::default();
+        objects.clear(800);
+        objects.update(vec![Component { pixels: moving }], &[0.0; 800], 0.0);
+        let mut surfaces = Surfaces::default();
+        surfaces.find(&CAMERA, &DepthNoise::default(), &depth);
+        surfaces.describe(&CAMERA, &depth, |i| (objects.labels[i] == BACKGROUND).then_some(0.5));
+        let mut rng = Pcg64Mcg::seed_from_u64(1);
+        let owners = owners(&objects, &surfaces, (&CAMERA, &DepthNoise::default(), &depth), &mut rng);
+        owners[surfaces.labels[10 * 40 + 25] as usize] != BACKGROUND
+    }
+
+    #[test]
+    fn a_flat_thing_moves_as_a_whole_when_most_of_it_does() {
+        assert!(!plate_moves(6), "this may be a desk that somebody touches");
+        assert!(plate_moves(12));
+    }
 }

@@ -14,6 +14,13 @@ const SCANS: usize = 2;
 /// model, a mover where it looks the same.
 const CONTRADICTED: f32 = 4.0;
 
+/// Sensors measure nothing that is much nearer than this, metres: an object that reaches up to here goes on where depth ends.
+const NEAR: f32 = 0.6;
+/// Share of an object's measured pixels that make it such an object.
+const NEAR_SHARE: f32 = 0.2;
+/// Distance at which a pixel without depth that already is such an object's stands from it: that of a step of sixty grey levels.
+const OF_NEAR_OBJECT: f32 = 30.0;
+
 /// Labels of pixels without depth.
 #[derive(Debug, Default)]
 pub(crate) struct Unmeasured {
@@ -25,7 +32,8 @@ pub(crate) struct Unmeasured {
 
 impl Unmeasured {
     /// Labels for all pixels: those given where depth was measured, the nearest along the grey levels elsewhere. `changed` says
-    /// whether a pixel looks other than the static scene, where that is known.
+    /// whether a pixel looks other than the static scene, where that is known. Where an object is too near to be measured,
+    /// the label that a pixel without depth was given by its odds counts as well.
     pub(crate) fn assign(
         &mut self,
         camera: &Pinhole,
@@ -37,7 +45,13 @@ impl Unmeasured {
         self.labels.clear();
         self.labels.extend_from_slice(labels);
         self.distances.clear();
-        self.distances.extend(depth.iter().map(|&z| if z > 0.0 { 0.0 } else { f32::INFINITY }));
+        let near = near_objects(depth, labels);
+        let start = |i: usize| match depth[i] {
+            z if z > 0.0 => 0.0,
+            _ if near[labels[i] as usize] && changed[i] != Some(false) => OF_NEAR_OBJECT,
+            _ => f32::INFINITY,
+        };
+        self.distances.extend((0..depth.len()).map(start));
         let mut pixels = std::mem::take(&mut self.pixels);
         pixels.clear();
         pixels.extend((0..depth.len()).filter(|&i| depth[i] == 0.0).map(|i| i as u32));
@@ -71,6 +85,17 @@ impl Unmeasured {
     }
 }
 
+/// For each label, whether it is that of an object which reaches up to where measurements end.
+fn near_objects(depth: &[f32], labels: &[u16]) -> Vec<bool> {
+    let count = labels.iter().max().map_or(0, |most| *most as usize) + 1;
+    let (mut near, mut measured) = (vec![0_u32; count], vec![0_u32; count]);
+    for (&z, &label) in depth.iter().zip(labels).filter(|(z, label)| **z > 0.0 && **label != BACKGROUND) {
+        measured[label as usize] += 1;
+        near[label as usize] += u32::from(z < NEAR);
+    }
+    near.iter().zip(measured).map(|(&near, measured)| near as f32 > NEAR_SHARE * measured as f32).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,5 +123,20 @@ mod tests {
         assert_eq!(row([9; 7], None), [1, 1, 1, 1, 0, 0, 0]);
         assert_eq!(row([9; 7], Some(false)), [1, 1, 0, 0, 0, 0, 0]);
         assert_eq!(row([9; 7], Some(true)), [1, 1, 1, 1, 1, 0, 0]);
+    }
+
+    #[test]
+    fn an_object_goes_on_where_it_is_too_near_to_be_measured() {
+        // Something at `z` on the left that was found to move over five pixels, bright where it has no depth.
+        let labels_for = |z: f32, changed| {
+            let mut frame = ViewFrame { gray: Image::filled(7, 1, 0), depth: Image::filled(7, 1, 0.0) };
+            frame.gray.pixels_mut().copy_from_slice(&[9, 80, 80, 80, 80, 9, 9]);
+            (frame.depth.pixels_mut()[0], frame.depth.pixels_mut()[6]) = (z, 2.0);
+            let labels = [1, 1, 1, 1, 1, BACKGROUND, BACKGROUND];
+            Unmeasured::default().assign(&CAMERA, &frame, &labels, &[changed; 7]).to_vec()
+        };
+        assert_eq!(labels_for(1.0, None), [1, 1, 1, 1, 0, 0, 0]);
+        assert_eq!(labels_for(0.5, None), [1, 1, 1, 1, 1, 0, 0]);
+        assert_eq!(labels_for(0.5, Some(false)), [1, 0, 0, 0, 0, 0, 0], "it looks like the static scene");
     }
 }
