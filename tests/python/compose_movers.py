@@ -8,14 +8,14 @@ The fr1 sequences keep the real camera path. The rooms are single RGB-D images s
 K R K'^-1 and a longer focal length); people who are in those images stand still and count as static.
 
 Mask: 255 = moving, 128 = to be ignored, 0 = static. People are 255 as long as they are there, also while they pause. A box that was put
-down is 128 for 2.5 s and 0 from then on. Movers are z-tested against the real depth (holes take the nearest valid depth). Their depth has
+down is 128 for 2.5 s and 0 from then on; what sets off is 0 until it is 2 cm from where it stood. Movers are z-tested against the real depth (holes take the nearest valid depth). Their depth has
 noise, disparity quantisation, ragged outlines, nothing nearer than 0.5 m, and a projector shadow on the left.
 """
 
 import argparse
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -255,6 +255,9 @@ CHECKED = Looks(1.7, Texture("checks", (0.2, 0.2, 0.7), (0.75, 0.8, 0.8), 0.06),
 STRIPED = Looks(1.82, Texture("stripes", (0.55, 0.3, 0.12), (0.8, 0.78, 0.75), 0.05), Texture("flat", (0.16, 0.16, 0.17), scale=0.1))
 MOTTLED = Looks(1.66, Texture("noise", (0.15, 0.45, 0.2), (0.6, 0.85, 0.7), 0.035), Texture("flat", (0.42, 0.5, 0.56), scale=0.1), (0.15, 0.3, 0.5))
 
+# A mover that sets off counts as static until it is this far from where it stood, metres: before, no sensor tells the difference.
+SET_OFF = 0.02
+
 Scene = Callable[[float], list[Solid]]
 
 
@@ -304,6 +307,36 @@ def things() -> Scene:
         return parts
 
     return scene
+
+
+def labelled(parts: list[Solid], label: int) -> list[Solid]:
+    return [replace(part, label=label) for part in parts]
+
+
+def sets_off(track: Track, parts: Callable[[float], list[Solid]]) -> Scene:
+    """Static until `track` has left its beginning."""
+    away = lambda t: np.linalg.norm(track.at(t)[0] - track.at(0)[0]) > SET_OFF
+    return lambda t: labelled(parts(t), MOVING if away(t) else STATIC)
+
+
+def box_sets_off() -> Scene:
+    """A patterned box is drawn over the desk after two seconds."""
+    track = Track((0, -0.05, 0.75), (2.2, -0.05, 0.75), (3.4, 0.45, 0.7), (4.8, -0.1, 0.75), (6.4, 0.4, 0.7))
+    pattern = Texture("checks", (0.35, 0.5, 0.7), (0.3, 0.43, 0.62), 0.045)
+    return sets_off(track, lambda t: [box((0.18, 0.14, 0.14), track.at(t)[0] + [0, 0, 0.84], yaw(0.2), pattern)])
+
+
+def plain_sets_off() -> Scene:
+    """The low, plain robot on the desk sets off after two seconds."""
+    track = Track((0, 0.35, 0.7), (2.2, 0.35, 0.7), (4.0, -0.2, 0.66), (6.4, 0.2, 0.66))
+    body = Texture("flat", (0.3, 0.3, 0.32), (0.1, 0.1, 0.1), 0.1)
+    return sets_off(track, lambda t: [box((0.2, 0.15, 0.09), track.at(t)[0] + [0, 0, 0.825], yaw(0.3), body)])
+
+
+def walker_sets_off(looks: Looks, *waypoints: tuple) -> Callable[[], Scene]:
+    """Somebody stands for two seconds, then walks away."""
+    track = Track(*waypoints)
+    return lambda: sets_off(track, lambda t: person(track, looks, t))
 
 
 def room_a() -> Scene:
@@ -660,19 +693,22 @@ def compose_room(data: Path, folder: Path, room: Room, scene: Scene, rng: np.ran
 
 
 PAIRS, GUESSED = "joint-vo-sf-pairs", [525.0, 525.0, 319.5, 239.5]
+ROOM_A = Room(f"{PAIRS}/opening-door/rgb/0.png", f"{PAIRS}/opening-door/depth/0.png", GUESSED, 1.4, 8, (0.62, 0.5, 0.48))
+ROOM_B = Room(f"{PAIRS}/two-people-moving/rgb/0.png", f"{PAIRS}/two-people-moving/depth/0.png", GUESSED, 1.2, 0, (0.62, 0.52, 0.5))
+ROOM_C = Room(
+    "tum-fr3-walking-xyz-stills/rgb/1341846313.592026.png",
+    "tum-fr3-walking-xyz-stills/depth/1341846313.592088.png",
+    tum.KNOWN["3"][:4], 1.42, -10.6, (1, 1, 1),
+)
 ROOMS = {
-    "room-a-people": (Room(f"{PAIRS}/opening-door/rgb/0.png", f"{PAIRS}/opening-door/depth/0.png", GUESSED, 1.4, 8, (0.62, 0.5, 0.48)), room_a),
-    "room-b-people": (Room(f"{PAIRS}/two-people-moving/rgb/0.png", f"{PAIRS}/two-people-moving/depth/0.png", GUESSED, 1.2, 0, (0.62, 0.52, 0.5)), room_b),
-    "room-c-things": (
-        Room(
-            "tum-fr3-walking-xyz-stills/rgb/1341846313.592026.png",
-            "tum-fr3-walking-xyz-stills/depth/1341846313.592088.png",
-            tum.KNOWN["3"][:4], 1.42, -10.6, (1, 1, 1),
-        ),
-        room_c,
-    ),
+    "room-a-people": (ROOM_A, room_a), "room-b-people": (ROOM_B, room_b), "room-c-things": (ROOM_C, room_c),
+    "room-a-sets-off": (ROOM_A, walker_sets_off(STRIPED, (0, -0.2, 1.6), (2.2, -0.2, 1.6), (4.2, 1.1, 1.7), (5.2, 1.1, 1.7))),
+    "room-b-sets-off": (ROOM_B, walker_sets_off(PLAIN_GREY, (0, -0.1, 1.5), (2.2, -0.1, 1.5), (4.2, 1.2, 1.6), (5.2, 1.2, 1.6))),
 }
-FR1 = {"three-people": three_people, "box-put-down": box_put_down, "things": things}
+FR1 = {
+    "three-people": three_people, "box-put-down": box_put_down, "things": things,
+    "box-sets-off": box_sets_off, "plain-sets-off": plain_sets_off,
+}
 NAMES = [*FR1, "fast-empty", *ROOMS]
 
 

@@ -77,6 +77,10 @@ impl Counts {
         share(self.hit, self.hit + self.missed + self.wrong)
     }
 
+    fn has_movers(&self) -> bool {
+        share(self.hit + self.missed, self.hit + self.missed + self.wrong + self.still) > MIN_MOVING_SHARE
+    }
+
     fn static_masked(&self) -> f64 {
         share(self.wrong, self.wrong + self.still)
     }
@@ -93,8 +97,8 @@ fn main() -> Result<()> {
     let arguments = Arguments::parse();
     let config = configure(&arguments.set)?;
     println!(
-        "{:<28} {:>6} {:>6} {:>6} {:>6}  {:>7} {:>7}  {:>6} {:>6}",
-        "sequence", "frames", "P", "R", "IoU", "static%", "worst%", "ms", "p99"
+        "{:<28} {:>6} {:>6} {:>6} {:>6}  {:>7} {:>7}  {:>5}  {:>6} {:>6}",
+        "sequence", "frames", "P", "R", "IoU", "static%", "worst%", "delay", "ms", "p99"
     );
     for folder in &arguments.sequences {
         evaluate(folder, &arguments, &config).with_context(|| folder.display().to_string())?;
@@ -191,9 +195,14 @@ fn report_frame(arguments: &Arguments, i: usize, counts: &Counts, result: &Segme
     );
 }
 
+/// Frames from the first that shows something moving, after one that shows nothing, to the first in which half of it is masked.
+fn delay(all: &[Counts]) -> Option<usize> {
+    let onset = all.windows(2).position(|pair| !pair[0].has_movers() && pair[1].has_movers())? + 1;
+    all[onset..].iter().position(|c| c.has_movers() && c.recall() >= 0.5)
+}
+
 fn summarise(name: &str, all: &[Counts], times: &mut [f64]) {
-    let moving = |c: &&Counts| share(c.hit + c.missed, c.hit + c.missed + c.wrong + c.still) > MIN_MOVING_SHARE;
-    let dynamic: Vec<&Counts> = all.iter().filter(moving).collect();
+    let dynamic: Vec<&Counts> = all.iter().filter(|c| c.has_movers()).collect();
     let mean = |f: &dyn Fn(&Counts) -> f64| match dynamic.len() {
         0 => "–".to_owned(),
         count => format!("{:.3}", dynamic.iter().map(|c| f(c)).sum::<f64>() / count as f64),
@@ -203,13 +212,14 @@ fn summarise(name: &str, all: &[Counts], times: &mut [f64]) {
     times.sort_by(f64::total_cmp);
     let at = |q: f64| times[((times.len() - 1) as f64 * q) as usize];
     println!(
-        "{name:<28} {:>6} {:>6} {:>6} {:>6}  {:>7.2} {:>7.2}  {:>6.1} {:>6.1}",
+        "{name:<28} {:>6} {:>6} {:>6} {:>6}  {:>7.2} {:>7.2}  {:>5}  {:>6.1} {:>6.1}",
         dynamic.len(),
         mean(&Counts::precision),
         mean(&Counts::recall),
         mean(&Counts::iou),
         masked.sum::<f64>() / all.len().max(1) as f64,
         worst,
+        delay(all).map_or("–".to_owned(), |frames| frames.to_string()),
         at(0.5),
         at(0.99)
     );
