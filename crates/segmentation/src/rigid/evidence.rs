@@ -53,6 +53,9 @@ pub(crate) const MIN_HITS: f32 = 3.0;
 /// Confirmations from which a point of the static model is certain.
 const SURE_HITS: f32 = 10.0;
 
+/// Certainty of the static model from which it says whether a pixel has changed.
+const CERTAIN: f32 = 0.5;
+
 /// Accumulated evidence.
 #[derive(Debug, Default)]
 pub(crate) struct Field {
@@ -64,7 +67,7 @@ pub(crate) struct Field {
     pub(crate) explained: Vec<f32>,
     /// How surely the pixel stands before the static model, 0 to 1.
     pub(crate) intruding: Vec<f32>,
-    /// Whether a pixel without depth looks other than the static model; `None` where one of them is unknown.
+    /// Whether a pixel is other than the static model, by depth or, where that is missing, by luma; `None` where that is uncertain.
     pub(crate) changed: Vec<Option<bool>>,
 }
 
@@ -259,13 +262,16 @@ impl Scene<'_> {
                 self.compare_luma(i, &model[i], offset, field);
                 continue;
             }
+            let certainty = (model[i].hits / SURE_HITS).min(1.0);
             match self.relation(z, [near[i], far[i]], shift) {
                 Relation::Nearer => {
-                    field.intruding[i] = (model[i].hits / SURE_HITS).min(1.0);
+                    field.intruding[i] = certainty;
+                    field.changed[i] = (certainty > CERTAIN).then_some(true);
                     field.insist(i, BEFORE_MODEL);
                 }
                 Relation::Same => {
-                    field.explained[i] = (model[i].hits / SURE_HITS).min(1.0);
+                    field.explained[i] = certainty;
+                    field.changed[i] = (certainty > CERTAIN).then_some(false);
                     let outline = self.is_outline(i) && self.has_edge(near[i], far[i]);
                     let weight = if outline { OUTLINE_SAME } else { MODEL_SAME };
                     field.add(i, 0.0, weight * field.explained[i]);

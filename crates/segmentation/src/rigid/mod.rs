@@ -17,7 +17,7 @@ mod static_model;
 mod surfaces;
 mod territories;
 mod things;
-mod unmeasured;
+mod undecided;
 mod view;
 mod votes;
 

@@ -18,7 +18,7 @@ use super::static_model::StaticModel;
 use super::surfaces::Surfaces;
 use super::territories::{Territories, Verdict};
 use super::things;
-use super::unmeasured::Unmeasured;
+use super::undecided::Undecided;
 use super::view::{Motion, View, ViewFrame};
 use crate::config::{Compensation, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig};
 use crate::particle_filter::{Particle, ParticleFilter};
@@ -58,7 +58,7 @@ pub(crate) struct RigidSegmenter {
     buffers: Buffers,
     surfaces: Surfaces,
     territories: Territories,
-    unmeasured: Unmeasured,
+    undecided: Undecided,
     /// Follows the evidence (paper, section 3.2), in pixels of the camera image.
     filter: ParticleFilter,
     /// Looks for new objects: the same without the evidence on those that are known (algorithm 2, step 9), which would otherwise
@@ -158,7 +158,7 @@ impl RigidSegmenter {
             buffers: Buffers::default(),
             surfaces: Surfaces::default(),
             territories: Territories::default(),
-            unmeasured: Unmeasured::default(),
+            undecided: Undecided::default(),
             filter: ParticleFilter::new((camera.width, camera.height), config.particles, seed),
             search: ParticleFilter::new((camera.width, camera.height), config.particles, seed ^ SEARCH_STREAM),
             particles: config.particles,
@@ -415,7 +415,7 @@ impl RigidSegmenter {
         let found = found.into_iter().filter(|c| self.objects.continues(c) || self.is_convincing(c)).collect();
         self.objects.update(found, &self.field.motion, time);
         self.complete();
-        self.assign_unmeasured();
+        self.decide();
         self.release(time);
         self.draw_mask();
     }
@@ -437,10 +437,10 @@ impl RigidSegmenter {
         self.objects.extend(&self.surfaces, &owners);
     }
 
-    /// Extends objects over pixels without depth that look as if they belonged to them.
-    fn assign_unmeasured(&mut self) {
+    /// Lets grey levels decide where depth does not: along outlines and where it is missing.
+    fn decide(&mut self) {
         let (camera, changed) = (&self.view.camera, &self.field.changed);
-        let labels = self.unmeasured.assign(camera, &self.current, &self.objects.labels, changed);
+        let labels = self.undecided.assign(camera, &self.current, &self.objects.labels, changed);
         self.objects.relabel(labels);
     }
 

@@ -149,7 +149,7 @@ impl Territories {
         Some(seat)
     }
 
-    /// Distances along the surface by raster scans (see [`super::unmeasured`]).
+    /// Distances along the surface by raster scans (see [`super::undecided`]).
     fn measure(&mut self, continuity: Continuity) {
         let (columns, cells) = (self.size.0, self.depth.len());
         for _ in 0..SCANS {

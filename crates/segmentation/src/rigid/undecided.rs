@@ -1,0 +1,186 @@
+//! Pixels of which depth does not tell whose they are: those without depth (too near, in the projector's shadow, on dark or shiny
+//! surfaces), and those along outlines, where depth is ragged and displaced against colour. Each goes to whatever its grey levels
+//! connect it with, the label of the decided pixel at the shortest geodesic distance, found by raster scans (Toivanen, "New geodesic
+//! distance transforms for gray-scale images", Pattern Recognition Letters 1996).
+
+use super::regions::{BACKGROUND, neighbours};
+use super::view::{Pinhole, ViewFrame};
+
+/// Length that a difference of one grey level adds to a step of one pixel: a contrast of 30 levels is worth a path of 15 pixels.
+const PER_LEVEL: f32 = 0.5;
+/// Pairs of scans; each turn of a path against both scan directions takes another.
+const SCANS: usize = 2;
+
+/// A step through a pixel that contradicts the label is this many times as long: "background" where it looks other than the static
+/// model, a mover where it looks the same.
+const CONTRADICTED: f32 = 4.0;
+
+/// Sensors measure nothing that is much nearer than this, metres: an object that reaches up to here goes on where depth ends.
+const NEAR: f32 = 0.6;
+/// Share of an object's measured pixels that make it such an object.
+const NEAR_SHARE: f32 = 0.2;
+/// Distance at which a pixel without depth that already is such an object's stands from it: that of a step of sixty grey levels.
+const OF_NEAR_OBJECT: f32 = 30.0;
+
+/// Pixels this near to another label (working pixels, the smaller of them being 1) are decided anew.
+const RIM: usize = 3;
+/// Distance at which such a pixel stands from the label that depth gave it: that of a step of eighty grey levels.
+const BY_DEPTH: f32 = 40.0;
+
+/// Labels of pixels that depth does not decide.
+#[derive(Debug, Default)]
+pub(crate) struct Undecided {
+    distances: Vec<f32>,
+    labels: Vec<u16>,
+    /// Whether a pixel lies on the rim of a label.
+    rim: Vec<bool>,
+    /// The pixels to decide.
+    pixels: Vec<u32>,
+}
+
+impl Undecided {
+    /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. `changed` says
+    /// whether a pixel is other than in the static scene, where that is known. Along outlines the label given counts as well, and
+    /// so does that of pixels without depth where an object is too near to be measured.
+    pub(crate) fn assign(
+        &mut self,
+        camera: &Pinhole,
+        frame: &ViewFrame,
+        labels: &[u16],
+        changed: &[Option<bool>],
+    ) -> &[u16] {
+        let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());
+        self.labels.clear();
+        self.labels.extend_from_slice(labels);
+        self.distances.clear();
+        let near = near_objects(depth, labels);
+        self.find_rim(camera.width, labels);
+        let rim = &self.rim;
+        let start = |i: usize| match depth[i] {
+            z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
+            _ if near[labels[i] as usize] && changed[i] != Some(false) => OF_NEAR_OBJECT,
+            _ => f32::INFINITY,
+        };
+        self.distances.extend((0..depth.len()).map(start));
+        let mut pixels = std::mem::take(&mut self.pixels);
+        pixels.clear();
+        pixels.extend((0..depth.len()).filter(|&i| depth[i] == 0.0 || rim[i]).map(|i| i as u32));
+        for _ in 0..SCANS {
+            for i in pixels.iter().map(|&i| i as usize) {
+                let [left, _, above, _] = neighbours(camera, i);
+                self.relax(i, left, gray, changed[i]);
+                self.relax(i, above, gray, changed[i]);
+            }
+            for i in pixels.iter().rev().map(|&i| i as usize) {
+                let [_, right, _, below] = neighbours(camera, i);
+                self.relax(i, right, gray, changed[i]);
+                self.relax(i, below, gray, changed[i]);
+            }
+        }
+        self.pixels = pixels;
+        &self.labels
+    }
+
+    /// Marks the pixels around each change of label.
+    fn find_rim(&mut self, width: usize, labels: &[u16]) {
+        self.rim.clear();
+        self.rim.resize(labels.len(), false);
+        let changes = |i: usize| {
+            let other = |step: usize| labels.get(i + step).is_some_and(|l| *l != labels[i]);
+            (!(i + 1).is_multiple_of(width) && other(1), other(width))
+        };
+        for i in 0..labels.len() {
+            let (right, below) = changes(i);
+            if right || below {
+                self.mark(width, i);
+            }
+            if right {
+                self.mark(width, i + 1);
+            }
+            if below {
+                self.mark(width, i + width);
+            }
+        }
+    }
+
+    /// Marks the pixels within the rim of a pixel beside another label.
+    fn mark(&mut self, width: usize, i: usize) {
+        let (u, v) = (i % width, i / width);
+        for y in v.saturating_sub(RIM - 1)..(v + RIM).min(self.rim.len() / width) {
+            self.rim[y * width + u.saturating_sub(RIM - 1)..y * width + (u + RIM).min(width)].fill(true);
+        }
+    }
+
+    /// Takes the label of the pixel `from` for the pixel `i` if the way through it is shorter.
+    #[inline]
+    fn relax(&mut self, i: usize, from: Option<usize>, gray: &[u8], changed: Option<bool>) {
+        let Some(j) = from else { return };
+        let step = 1.0 + PER_LEVEL * f32::from(gray[i].abs_diff(gray[j]));
+        let contradicted = changed == Some(self.labels[j] == BACKGROUND);
+        let through = self.distances[j] + if contradicted { CONTRADICTED * step } else { step };
+        if through < self.distances[i] {
+            self.distances[i] = through;
+            self.labels[i] = self.labels[j];
+        }
+    }
+}
+
+/// For each label, whether it is that of an object which reaches up to where measurements end.
+fn near_objects(depth: &[f32], labels: &[u16]) -> Vec<bool> {
+    let count = labels.iter().max().map_or(0, |most| *most as usize) + 1;
+    let (mut near, mut measured) = (vec![0_u32; count], vec![0_u32; count]);
+    for (&z, &label) in depth.iter().zip(labels).filter(|(z, label)| **z > 0.0 && **label != BACKGROUND) {
+        measured[label as usize] += 1;
+        near[label as usize] += u32::from(z < NEAR);
+    }
+    near.iter().zip(measured).map(|(&near, measured)| near as f32 > NEAR_SHARE * measured as f32).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ops::Range;
+
+    use pfd_geometry::Image;
+
+    const CAMERA: Pinhole = Pinhole { width: 15, height: 1, fx: 15.0, fy: 15.0, cx: 7.0, cy: 0.0 };
+
+    /// How many pixels go to the object on the left of a row: it has depth `z` on five pixels, five have none, and on the right there is
+    /// background. Only the pixels `bright` are bright; `labels` is how many pixels the object had before.
+    fn assigned(z: f32, bright: Range<usize>, changed: Option<bool>, labels: usize) -> usize {
+        let mut frame = ViewFrame { gray: Image::filled(15, 1, 9), depth: Image::filled(15, 1, 0.0) };
+        frame.gray.pixels_mut()[bright].fill(80);
+        frame.depth.pixels_mut()[..5].fill(z);
+        frame.depth.pixels_mut()[10..].fill(2.0);
+        let mut given = [BACKGROUND; 15];
+        given[..labels].fill(1);
+        let found = Undecided::default().assign(&CAMERA, &frame, &given, &[changed; 15]).to_vec();
+        let object = found.iter().take_while(|l| **l == 1).count();
+        assert!(found[object..].iter().all(|l| *l == BACKGROUND), "{found:?}");
+        object
+    }
+
+    #[test]
+    fn a_gap_is_parted_at_the_edge() {
+        assert_eq!([6, 7, 9].map(|edge| assigned(1.0, edge..15, None, 5)), [6, 7, 9]);
+    }
+
+    #[test]
+    fn what_the_static_scene_explains_is_background() {
+        let without_edge = |changed| assigned(1.0, 15..15, changed, 5);
+        assert_eq!([None, Some(false), Some(true)].map(without_edge), [6, 3, 9]);
+    }
+
+    #[test]
+    fn an_outline_moves_to_an_edge_beside_it() {
+        assert_eq!([3, 4].map(|edge| assigned(1.0, edge..15, None, 5)), [3, 4]);
+    }
+
+    #[test]
+    fn an_object_goes_on_where_it_is_too_near_to_be_measured() {
+        // It was found to move over eight pixels, but where it has no depth it differs in brightness, as much as the background does.
+        let gap = |z, changed| assigned(z, 5..10, changed, 8);
+        assert_eq!([1.0, 0.5].map(|z| gap(z, None)), [8, 10]);
+        assert_eq!(gap(0.5, Some(false)), 5, "it looks like the static scene");
+    }
+}
