@@ -47,6 +47,8 @@ pub(crate) struct Objects {
     pub(crate) odds: Vec<f32>,
     /// Log-odds carried into the current frame.
     carried_odds: Vec<f32>,
+    /// Log-odds from which pixels start that belong to no object.
+    suspicion: Vec<f32>,
     next_id: u32,
     /// Confidence by label.
     confidences: Vec<f32>,
@@ -59,7 +61,7 @@ impl Objects {
     }
 
     /// Updates the log-odds of pixel `i` by fresh evidence: `share` of the information speaks for motion, `weight` is its
-    /// amount, `explained` how surely the static model explains the pixel. What was established to move and is not explained
+    /// amount, `explained` how surely the static model explains the pixel. Where nothing moved, doubts of the last frame remain. What was established to move and is not explained
     /// by the static model is let go slowly.
     pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, policy: Policy) {
         let label = self.carried[i];
@@ -67,7 +69,7 @@ impl Objects {
         let (before, confidence) = if remembered {
             (self.carried_odds[i], self.confidences.get(label as usize).copied().unwrap_or(0.0))
         } else {
-            (INITIAL_ODDS, 0.0)
+            (if policy.memory { self.suspicion[i] } else { INITIAL_ODDS }, 0.0)
         };
         let change = GAIN * 2.0 * (share - policy.threshold) * weight / (weight + HALF_WEIGHT);
         let hold = if change < 0.0 {
@@ -94,6 +96,9 @@ const LIVELINESS_GAIN: f32 = 0.3;
 const CONTINUED_PART: usize = 4;
 /// Log-odds of a pixel about which nothing is known: static.
 const INITIAL_ODDS: f32 = -0.5;
+/// Log-odds that the last frame leaves behind at most where it saw no object: evidence that comes again counts for more, and none alone
+/// for long.
+const MAX_SUSPICION: f32 = -0.2;
 /// Largest change of the log-odds per frame.
 const GAIN: f32 = 1.5;
 /// Weight of evidence that has half that effect.
@@ -119,9 +124,17 @@ impl Objects {
             labels.clear();
             labels.resize(pixels, BACKGROUND);
         }
-        for odds in [&mut self.odds, &mut self.carried_odds] {
+        for odds in [&mut self.odds, &mut self.carried_odds, &mut self.suspicion] {
             odds.clear();
             odds.resize(pixels, INITIAL_ODDS);
+        }
+    }
+
+    /// Remembers the doubts about what is static: `place` is where the last frame saw what a pixel shows, if that does not move.
+    pub(crate) fn look_back(&mut self, place: impl Fn(usize) -> Option<usize>) {
+        let odds = &self.odds;
+        for (i, suspicion) in self.suspicion.iter_mut().enumerate() {
+            *suspicion = place(i).map_or(INITIAL_ODDS, |j| odds[j].clamp(INITIAL_ODDS, MAX_SUSPICION));
         }
     }
 
@@ -281,4 +294,37 @@ pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len().checked_sub(1)? / 2;
     let (_, m, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
     Some(*m)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Log-odds of a pixel after so many frames with this share of evidence for motion.
+    fn odds_after(frames: usize, share: f32, memory: bool) -> f32 {
+        let mut objects = Objects::default();
+        objects.clear(2);
+        for _ in 0..frames {
+            objects.look_back(Some);
+            objects.update_odds(1, (share, 0.2), 0.0, Policy { threshold: 0.5, memory });
+        }
+        objects.odds[1]
+    }
+
+    #[test]
+    fn evidence_that_comes_again_counts_for_more_and_weak_evidence_never_suffices() {
+        assert!(odds_after(1, 0.6, true) < 0.0);
+        assert!(odds_after(3, 0.6, true) > 0.0);
+        assert!(odds_after(3, 0.6, false) < 0.0);
+        assert!(odds_after(100, 0.55, true) < 0.0);
+    }
+
+    #[test]
+    fn what_comes_into_view_is_above_suspicion() {
+        let mut objects = Objects::default();
+        objects.clear(2);
+        objects.odds.fill(2.0);
+        objects.look_back(|i| (i == 1).then_some(0));
+        assert_eq!(objects.suspicion, [INITIAL_ODDS, MAX_SUSPICION]);
+    }
 }

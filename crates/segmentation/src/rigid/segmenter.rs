@@ -241,6 +241,7 @@ impl RigidSegmenter {
         self.flow = estimate.flow;
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
+        self.look_back(&estimate.motion);
         self.compare_earlier(estimate.flow, time);
         if self.config.static_model {
             self.compare_model(&estimate.motion, estimate.flow);
@@ -254,6 +255,15 @@ impl RigidSegmenter {
         for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
             splat(&camera, corner.to, &mut self.field);
         }
+    }
+
+    /// Finds the doubts of the last frame about what this one sees.
+    fn look_back(&mut self, motion: &FrameMotion) {
+        let (camera, rays, depth, warp) = (&self.view.camera, &self.view.rays, &self.buffers.filled, motion.warp());
+        self.objects.look_back(|i| {
+            let (p, _) = (depth[i] > 0.0).then(|| warp.apply(camera, rays[i], depth[i])).flatten()?;
+            camera.nearest(p)
+        });
     }
 
     /// Adds evidence over the whole of things on which most corners move on their own: two frames suffice for that.
