@@ -169,6 +169,8 @@ pub struct PfdConfig {
     pub whole_things: bool,
     /// Corners that move together speak for the surface around them.
     pub moving_corners: bool,
+    /// Place the outlines of what moves on edges of the grey image: depth is ragged there.
+    pub refined_outlines: bool,
     /// Carry regions through time.
     pub temporal: bool,
     /// Ignore changes of brightness that leave the local texture as it is.
@@ -209,6 +211,7 @@ impl Default for PfdConfig {
             region: RegionShape::DepthEdges,
             whole_things: true,
             moving_corners: true,
+            refined_outlines: true,
             temporal: true,
             shadow_rejection: true,
             particle_support: true,

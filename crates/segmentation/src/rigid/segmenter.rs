@@ -450,7 +450,8 @@ impl RigidSegmenter {
     /// Lets grey levels decide where depth does not: along outlines and where it is missing.
     fn decide(&mut self) {
         let (camera, changed) = (&self.view.camera, &self.field.changed);
-        let labels = self.undecided.assign(camera, &self.current, &self.objects.labels, changed);
+        let outlines = self.config.refined_outlines;
+        let labels = self.undecided.assign(camera, &self.current, &self.objects.labels, changed, outlines);
         self.objects.relabel(labels);
     }
 

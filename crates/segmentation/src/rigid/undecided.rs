@@ -41,20 +41,26 @@ pub(crate) struct Undecided {
 impl Undecided {
     /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. `changed` says
     /// whether a pixel is other than in the static scene, where that is known. Along outlines the label given counts as well, and
-    /// so does that of pixels without depth where an object is too near to be measured.
+    /// so does that of pixels without depth where an object is too near to be measured. Without `outlines` all measured pixels keep
+    /// their labels.
     pub(crate) fn assign(
         &mut self,
         camera: &Pinhole,
         frame: &ViewFrame,
         labels: &[u16],
         changed: &[Option<bool>],
+        outlines: bool,
     ) -> &[u16] {
         let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());
         self.labels.clear();
         self.labels.extend_from_slice(labels);
         self.distances.clear();
         let near = near_objects(depth, labels);
-        self.find_rim(camera.width, labels);
+        self.rim.clear();
+        self.rim.resize(labels.len(), false);
+        if outlines {
+            self.find_rim(camera.width, labels);
+        }
         let rim = &self.rim;
         let start = |i: usize| match depth[i] {
             z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
@@ -83,8 +89,6 @@ impl Undecided {
 
     /// Marks the pixels around each change of label.
     fn find_rim(&mut self, width: usize, labels: &[u16]) {
-        self.rim.clear();
-        self.rim.resize(labels.len(), false);
         let changes = |i: usize| {
             let other = |step: usize| labels.get(i + step).is_some_and(|l| *l != labels[i]);
             (!(i + 1).is_multiple_of(width) && other(1), other(width))
@@ -154,7 +158,7 @@ mod tests {
         frame.depth.pixels_mut()[10..].fill(2.0);
         let mut given = [BACKGROUND; 15];
         given[..labels].fill(1);
-        let found = Undecided::default().assign(&CAMERA, &frame, &given, &[changed; 15]).to_vec();
+        let found = Undecided::default().assign(&CAMERA, &frame, &given, &[changed; 15], true).to_vec();
         let object = found.iter().take_while(|l| **l == 1).count();
         assert!(found[object..].iter().all(|l| *l == BACKGROUND), "{found:?}");
         object
