@@ -192,9 +192,9 @@ pub struct MappingConfig {
     /// A keyframe is due when the inliers fall below this share of the points of the reference keyframe.
     #[schemars(range(min = 0.1, max = 1.0))]
     pub keyframe_inlier_ratio: f64,
-    /// Frames between two keyframes at least.
-    #[schemars(range(min = 1, max = 100))]
-    pub min_keyframe_gap: usize,
+    /// Time between two keyframes at least, seconds: every third frame at 30 Hz, every frame at 10 Hz.
+    #[schemars(range(min = 0.0, max = 10.0))]
+    pub min_keyframe_interval: f64,
     /// A keyframe is also due when it would add this many points while fewer than as many are tracked.
     #[schemars(range(min = 10, max = 1000))]
     pub wanted_points: usize,
@@ -218,7 +218,7 @@ impl Default for MappingConfig {
         Self {
             enabled: true,
             keyframe_inlier_ratio: 0.75,
-            min_keyframe_gap: 3,
+            min_keyframe_interval: 0.09,
             wanted_points: 100,
             redundant_share: 0.9,
             min_found_ratio: 0.25,

@@ -445,7 +445,7 @@ impl Tracker {
     fn keyframe_is_due(&self, candidate: &Candidate<'_>, localized: &Localized) -> bool {
         let Some(active) = &self.active else { return false };
         let situation = keyframe_decision::Situation {
-            frame_index: candidate.index,
+            stamp: candidate.frame.stamp(),
             reference: active.reference,
             newest: self.mapper.newest(),
             features: &candidate.features,
