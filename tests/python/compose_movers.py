@@ -8,8 +8,9 @@ The fr1 sequences keep the real camera path. The rooms are single RGB-D images s
 K R K'^-1 and a longer focal length); people who are in those images stand still and count as static.
 
 Mask: 255 = moving, 128 = to be ignored, 0 = static. People are 255 as long as they are there, also while they pause. A box that was put
-down is 128 for 2.5 s and 0 from then on; what sets off is 0 until it is 2 cm from where it stood. Movers are z-tested against the real depth (holes take the nearest valid depth). Their depth has
-noise, disparity quantisation, ragged outlines, nothing nearer than 0.5 m, and a projector shadow on the left.
+down is 128 for 2.5 s and 0 from then on; what sets off is 0 until it is 2 cm from where it stood. Movers are z-tested against the
+real depth (holes take the nearest valid depth). Their depth has noise, disparity quantisation, ragged outlines, nothing nearer than
+0.5 m, and a projector shadow on the left.
 """
 
 import argparse
@@ -314,9 +315,10 @@ def labelled(parts: list[Solid], label: int) -> list[Solid]:
 
 
 def sets_off(track: Track, parts: Callable[[float], list[Solid]]) -> Scene:
-    """Static until `track` has left its beginning."""
+    """Static until `track` leaves its beginning."""
     away = lambda t: np.linalg.norm(track.at(t)[0] - track.at(0)[0]) > SET_OFF
-    return lambda t: labelled(parts(t), MOVING if away(t) else STATIC)
+    onset = next(t for t in track.t if t > 0 and away(t))
+    return lambda t: labelled(parts(t), MOVING if t >= onset else STATIC)
 
 
 def box_sets_off() -> Scene:

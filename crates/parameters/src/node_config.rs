@@ -18,10 +18,11 @@ pub enum Reliability {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Queue {
-    /// The newest image replaces the waiting one; drops are counted.
+    /// The newest image replaces the waiting one; drops are counted. Nor does a frame wait for a bundle adjustment that is late: what
+    /// comes out depends on the machine's load.
     #[default]
     Newest,
-    /// Every image waits for its turn.
+    /// Every image waits for its turn: every run gives the same.
     All,
 }
 

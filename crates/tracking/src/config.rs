@@ -243,7 +243,8 @@ pub struct BundleAdjustmentConfig {
     /// Iterations of each of the two passes (with and without outliers).
     #[schemars(range(min = 1, max = 50))]
     pub iterations: usize,
-    /// The result is taken over exactly this many frames after the keyframe, so that every run gives the same trajectory.
+    /// The result is taken over this many frames after the keyframe, or with the next keyframe if that comes earlier, so that every
+    /// run gives the same trajectory. Beside a live camera (`queue: newest`) a result that is late then is not waited for.
     #[schemars(range(min = 0, max = 30))]
     pub delay_frames: usize,
 }

@@ -10,6 +10,8 @@ use crate::matching::Match;
 /// A frame beside the map.
 pub(crate) struct Situation<'a> {
     pub(crate) stamp: Stamp,
+    /// When the camera was found again or the stream went on after a gap, if it did.
+    pub(crate) resumed: Option<Stamp>,
     /// The keyframe that shares most points with the frame.
     pub(crate) reference: KeyframeId,
     pub(crate) newest: Option<KeyframeId>,
@@ -20,6 +22,9 @@ pub(crate) struct Situation<'a> {
     pub(crate) is_masked: bool,
 }
 
+/// Time without keyframes after an interruption, seconds: segmentation has to learn anew what moves, and masks nothing until then.
+const QUIET: f64 = 0.2;
+
 /// Mur-Artal and Tardós, T-RO 2017, section III-E: too little is left of the reference keyframe, or much new is in view.
 pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'_>) -> bool {
     let Situation { features, matches, .. } = situation;
@@ -27,8 +32,12 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
     let newest = situation.newest.and_then(|id| map.keyframe(id));
     // Points from pixels that may move must not enter the map.
     let without_mask = !situation.is_masked && matches.len() < config.pose.min_unmasked_inliers;
-    let elapsed = newest.map_or(f64::INFINITY, |k| situation.stamp.seconds_since(k.stamp));
-    if elapsed < config.mapping.min_keyframe_interval || without_mask {
+    // The keyframes of a map that was loaded may be younger than the frame.
+    let since =
+        |stamp: Stamp| Some(situation.stamp.seconds_since(stamp)).filter(|s| *s >= 0.0).unwrap_or(f64::INFINITY);
+    let too_soon = newest.is_some_and(|k| since(k.stamp) < config.mapping.min_keyframe_interval);
+    let quiet = situation.resumed.is_some_and(|stamp| since(stamp) < QUIET);
+    if too_soon || quiet || without_mask {
         return false;
     }
     let of_reference = reference.observed().filter(|(_, point)| map.established(*point).is_some()).count();
@@ -48,26 +57,46 @@ mod tests {
     use nalgebra::Point2;
     use pfd_geometry::Pose;
 
-    /// Whether a frame that shows many unknown points becomes a keyframe so long after the last one, seconds.
-    fn due_after(seconds: f64, is_masked: bool) -> bool {
+    /// Whether a frame that shows many unknown points becomes a keyframe so long after the last one, and so long after the camera was
+    /// found again, seconds.
+    fn due_after(seconds: f64, found_again: Option<f64>, is_masked: bool) -> bool {
         let measured = Measurement { pixel: Point2::new(30.0, 30.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
         let features = ImageFeatures::from_measurements((64, 64), vec![measured; 300]);
         let mut map = Map::default();
         let start = Stamp::from_nanos(5_000_000_000);
         let reference = map.add_keyframe(Keyframe::new(start, 0, Pose::identity(), features.clone()));
         let stamp = start.offset_by(seconds);
-        let situation =
-            Situation { stamp, reference, newest: Some(reference), features: &features, matches: &[], is_masked };
+        let resumed = found_again.map(|ago| stamp.offset_by(-ago));
+        let situation = Situation {
+            stamp,
+            resumed,
+            reference,
+            newest: Some(reference),
+            features: &features,
+            matches: &[],
+            is_masked,
+        };
         is_due(&map, &TrackingConfig::default(), &situation)
     }
 
     #[test]
-    fn keyframes_come_at_every_third_frame_at_thirty_hertz_and_at_every_frame_at_ten() {
-        assert_eq!([1.0 / 30.0, 2.0 / 30.0, 3.0 / 30.0].map(|t| due_after(t, true)), [false, false, true]);
+    fn keyframes_come_at_every_third_frame_at_thirty_hertz() {
+        // Stamps jitter by a millisecond or two.
+        assert_eq!([0.035, 0.068, 0.098].map(|t| due_after(t, None, true)), [false, false, true]);
+    }
+
+    #[test]
+    fn a_map_from_the_future_takes_keyframes() {
+        assert!(due_after(-4.0, None, true));
+    }
+
+    #[test]
+    fn there_are_none_just_after_an_interruption() {
+        assert_eq!([0.0, 0.1, 0.25].map(|ago| due_after(1.0, Some(ago), true)), [false, false, true]);
     }
 
     #[test]
     fn a_frame_whose_mask_was_given_up_for_want_of_points_is_no_keyframe() {
-        assert!(!due_after(1.0, false));
+        assert!(!due_after(1.0, None, false));
     }
 }

@@ -58,21 +58,22 @@ const LOCAL_KEYFRAMES: usize = 40;
 const NEIGHBOURS: usize = 5;
 /// The search radius of the second, wider attempt, as a multiple of the first.
 const WIDER: f64 = 2.5;
-/// Share of agreeing associations from which no other start is tried. Where the search is in the right place two of three and more
+/// Share of agreeing associations that makes a pose clear. Where the search is in the right place two of three and more
 /// agree; beside it, on repeated texture, a third still finds a pose to agree on.
 const MIN_CONSENSUS: f64 = 0.65;
-/// Share of the points of the last frame that must be found, or other starts are tried as well. From one frame to the next two thirds
+/// Share of the points of the last frame that should be in view and must be found, or other starts are tried as well. From one frame to the next two thirds
 /// and more stay in view.
 const MIN_FOUND: f64 = 0.5;
 
-/// The first of several attempts that is complete; if there is none, the one with most inliers.
+/// The first of several attempts that is complete; if there is none, the one with most inliers among the clear ones, or among all.
 fn first_complete<const N: usize>(attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
     let mut best: Option<Localized> = None;
     for found in attempts.into_iter().filter_map(|attempt| attempt()) {
         if found.is_complete() {
             return Some(found);
         }
-        if best.as_ref().is_none_or(|b| found.matches.len() > b.matches.len()) {
+        let rank = |l: &Localized| (l.is_clear(), l.matches.len());
+        if best.as_ref().is_none_or(|b| rank(&found) > rank(b)) {
             best = Some(found);
         }
     }
@@ -116,10 +117,14 @@ impl Localizer<'_> {
         predicted: &Pose,
     ) -> Option<Localized> {
         let radius = self.config.matching.motion_radius;
+        let shows = |id: &MapPointId| {
+            self.map.point(*id).is_some_and(|p| predict(self.camera, predicted, p, self.config).is_some())
+        };
+        let in_view: Vec<_> = last_points.iter().copied().filter(shows).collect();
         let within = |radius: f64| {
-            let matches = self.project(features, last_points, predicted, radius);
+            let matches = self.project(features, &in_view, predicted, radius);
             let found = self.solve(features, matches, predicted, self.config.pose.min_inliers)?;
-            Some(Localized { sought: last_points.to_vec(), ..found })
+            Some(Localized { sought: in_view.clone(), ..found })
         };
         first_complete([&|| within(radius), &|| within(WIDER * radius)])
     }

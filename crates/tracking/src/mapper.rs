@@ -160,7 +160,7 @@ impl Mapper {
         true
     }
 
-    /// Starts to adjust the map around a keyframe; the result is taken over `delay_frames` after frame `frame_index`.
+    /// Starts to adjust the map around a keyframe; the result is due `delay_frames` after frame `frame_index`.
     pub(crate) fn start_adjustment(&mut self, center: KeyframeId, frame_index: usize) {
         let config = self.config.bundle_adjustment.clone();
         if !config.enabled || self.map.keyframe_count() < 2 {
@@ -201,10 +201,8 @@ impl Mapper {
         Some(before?.inverse() * pose_of(&self.map)?)
     }
 
-    /// Forgets everything but camera, configuration and seed.
+    /// Forgets everything but camera, configuration and seed. Nobody waits for a solver that is still at work.
     pub(crate) fn clear(&mut self) {
-        // A solver that is still at work must not outlive what it was meant for.
-        drop(self.adjustment.take().and_then(PendingAdjustment::wait));
         *self = Self { waits: self.waits, ..Self::new(self.camera, self.config.clone(), self.seed) };
     }
 
@@ -255,7 +253,8 @@ mod tests {
     use crate::bundle_adjustment::BundleResult;
     use pfd_geometry::Distortion;
     use pfd_optimization::{Summary, Termination};
-    use std::sync::mpsc;
+    use std::sync::atomic::{AtomicBool, Ordering};
+    use std::sync::{Arc, mpsc};
 
     fn mapper(waits: bool) -> Mapper {
         let camera = Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap();
@@ -264,21 +263,24 @@ mod tests {
         mapper
     }
 
-    /// An adjustment due at frame 3 that is done when the sender is dropped.
-    fn slow_adjustment() -> (mpsc::Sender<()>, PendingAdjustment) {
+    /// An adjustment due at frame 3 that is done when the sender is dropped, and says so.
+    fn slow_adjustment() -> (mpsc::Sender<()>, Arc<AtomicBool>, PendingAdjustment) {
         let (finish, finished) = mpsc::channel::<()>();
+        let done = Arc::new(AtomicBool::new(false));
+        let says_so = Arc::clone(&done);
         let worker = std::thread::spawn(move || {
             let _ = finished.recv();
+            says_so.store(true, Ordering::SeqCst);
             let (iterations, termination) = (0, Termination::Converged);
             let summary = Summary { initial_cost: 0.0, final_cost: 0.0, iterations, termination };
             BundleResult { poses: Vec::new(), points: Vec::new(), outliers: Vec::new(), summary }
         });
-        (finish, PendingAdjustment::of(worker, 3))
+        (finish, done, PendingAdjustment::of(worker, 3))
     }
 
     #[test]
     fn a_late_adjustment_holds_nobody_up_who_does_not_wait() {
-        let (finish, adjustment) = slow_adjustment();
+        let (finish, _, adjustment) = slow_adjustment();
         let mut mapper = mapper(false);
         mapper.adjustment = Some(adjustment);
         assert!(mapper.is_busy());
@@ -295,14 +297,24 @@ mod tests {
     }
 
     #[test]
+    fn clearing_neither_waits_nor_changes_who_waits() {
+        let (finish, _, adjustment) = slow_adjustment();
+        let mut mapper = mapper(false);
+        mapper.adjustment = Some(adjustment);
+        mapper.clear();
+        assert!(mapper.adjustment.is_none() && !mapper.waits());
+        drop(finish);
+    }
+
+    #[test]
     fn who_waits_takes_an_adjustment_over_at_the_frame_for_which_it_is_due() {
-        let (finish, adjustment) = slow_adjustment();
+        let (finish, done, adjustment) = slow_adjustment();
         let mut mapper = mapper(true);
         mapper.adjustment = Some(adjustment);
         assert!(!mapper.is_busy());
         let late = std::thread::spawn(move || drop(finish));
         mapper.take_over_due(3, None);
-        assert!(mapper.adjustment.is_none());
+        assert!(mapper.adjustment.is_none() && done.load(Ordering::SeqCst), "not waited for");
         late.join().unwrap();
     }
 }

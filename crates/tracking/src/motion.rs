@@ -25,6 +25,11 @@ impl Motion {
         Self { stamp, T_camera_world, T_odom_camera, velocity: Pose::identity(), interval: 0.0 }
     }
 
+    /// Whether so much time lies between the last pose and `stamp` that everything may have changed.
+    pub(crate) fn is_gap(&self, stamp: Stamp) -> bool {
+        stamp.seconds_since(self.stamp) > MAX_EXTRAPOLATION
+    }
+
     /// The pose at `stamp` if the velocity stays the same.
     pub(crate) fn predict(&self, stamp: Stamp) -> Pose {
         let elapsed = stamp.seconds_since(self.stamp);

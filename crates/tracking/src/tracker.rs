@@ -50,6 +50,8 @@ struct Active {
     reference: KeyframeId,
     /// Map points that the last frame showed.
     last_points: Vec<MapPointId>,
+    /// When the camera was found again or the stream went on after a gap, if it did.
+    resumed: Option<Stamp>,
 }
 
 /// A frame on its way through [`Tracker::track`].
@@ -368,7 +370,8 @@ impl Tracker {
         let keyframe = Keyframe::new(stamp, candidate.index, pose, candidate.features);
         let reference = self.mapper.insert(keyframe, &[]);
         self.mapper.log_pose(stamp, reference, &pose);
-        self.active = Some(Active { motion, reference, last_points: self.mapper.points_of(reference) });
+        let last_points = self.mapper.points_of(reference);
+        self.active = Some(Active { motion, reference, last_points, resumed: None });
         self.state = TrackingState::Ok;
         self.lost_since = None;
         true
@@ -388,6 +391,9 @@ impl Tracker {
             self.revise_last_velocity(stamp, &localized.T_camera_world);
         }
         let Some(active) = &mut self.active else { return };
+        if was_lost || active.motion.is_gap(stamp) {
+            active.resumed = Some(stamp);
+        }
         if was_lost {
             active.motion.restart(stamp, localized.T_camera_world);
         } else {
@@ -446,6 +452,7 @@ impl Tracker {
         let Some(active) = &self.active else { return false };
         let situation = keyframe_decision::Situation {
             stamp: candidate.frame.stamp(),
+            resumed: active.resumed,
             reference: active.reference,
             newest: self.mapper.newest(),
             features: &candidate.features,
@@ -525,7 +532,7 @@ impl Tracker {
         if let Some((reference, keyframe)) = newest {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
             self.refinement = Refinement::new(keyframe.features.shutter().readout);
-            self.active = Some(Active { motion, reference, last_points: Vec::new() });
+            self.active = Some(Active { motion, reference, last_points: Vec::new(), resumed: None });
             self.state = TrackingState::Lost;
             self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
         }

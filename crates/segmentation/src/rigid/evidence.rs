@@ -67,7 +67,7 @@ pub(crate) struct Field {
     pub(crate) explained: Vec<f32>,
     /// How surely the pixel stands before the static model, 0 to 1.
     pub(crate) intruding: Vec<f32>,
-    /// Whether a pixel is other than the static model, by depth or, where that is missing, by luma; `None` where that is uncertain.
+    /// Whether a pixel is other than the static model: by depth where the model is certain, by luma where depth is missing.
     pub(crate) changed: Vec<Option<bool>>,
 }
 

@@ -43,7 +43,7 @@ pub(crate) struct Objects {
     pub(crate) labels: Vec<u16>,
     /// Labels carried into the current frame.
     carried: Vec<u16>,
-    /// Log-odds of motion per working pixel; meaningful within objects only.
+    /// Log-odds of motion per working pixel.
     pub(crate) odds: Vec<f32>,
     /// Log-odds carried into the current frame.
     carried_odds: Vec<f32>,
@@ -61,8 +61,8 @@ impl Objects {
     }
 
     /// Updates the log-odds of pixel `i` by fresh evidence: `share` of the information speaks for motion, `weight` is its
-    /// amount, `explained` how surely the static model explains the pixel. Where nothing moved, doubts of the last frame remain. What was established to move and is not explained
-    /// by the static model is let go slowly.
+    /// amount, `explained` how surely the static model explains the pixel. Where nothing moved, doubts of the last frame remain.
+    /// What was established to move and is not explained by the static model is let go slowly.
     pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, policy: Policy) {
         let label = self.carried[i];
         let remembered = policy.memory && label != BACKGROUND;
@@ -132,9 +132,11 @@ impl Objects {
 
     /// Remembers the doubts about what is static: `place` is where the last frame saw what a pixel shows, if that does not move.
     pub(crate) fn look_back(&mut self, place: impl Fn(usize) -> Option<usize>) {
-        let odds = &self.odds;
+        let (odds, labels) = (&self.odds, &self.labels);
         for (i, suspicion) in self.suspicion.iter_mut().enumerate() {
-            *suspicion = place(i).map_or(INITIAL_ODDS, |j| odds[j].clamp(INITIAL_ODDS, MAX_SUSPICION));
+            // What a mover uncovers inherits nothing from it.
+            let before = place(i).filter(|&j| labels[j] == BACKGROUND).map_or(INITIAL_ODDS, |j| odds[j]);
+            *suspicion = before.clamp(INITIAL_ODDS, MAX_SUSPICION);
         }
     }
 
@@ -226,7 +228,7 @@ impl Objects {
         }
     }
 
-    /// Gives pixels to the objects that `labels` names; odds stay.
+    /// Gives pixels to the objects that `labels` names, and drops those that get none; odds stay.
     pub(crate) fn relabel(&mut self, labels: &[u16]) {
         self.labels.clone_from_slice(labels);
         for object in &mut self.list {
@@ -237,6 +239,7 @@ impl Objects {
                 object.pixels.push(i as u32);
             }
         }
+        self.list.retain(|object| !object.pixels.is_empty());
     }
 
     /// Removes and returns the objects for which `rested` holds.
@@ -326,5 +329,8 @@ mod tests {
         objects.odds.fill(2.0);
         objects.look_back(|i| (i == 1).then_some(0));
         assert_eq!(objects.suspicion, [INITIAL_ODDS, MAX_SUSPICION]);
+        objects.labels[0] = 1;
+        objects.look_back(|i| (i == 1).then_some(0));
+        assert_eq!(objects.suspicion, [INITIAL_ODDS; 2], "so is what a mover uncovers");
     }
 }

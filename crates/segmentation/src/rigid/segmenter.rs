@@ -241,7 +241,9 @@ impl RigidSegmenter {
         self.flow = estimate.flow;
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
-        self.look_back(&estimate.motion);
+        if self.config.temporal {
+            self.look_back(&estimate.motion);
+        }
         self.compare_earlier(estimate.flow, time);
         if self.config.static_model {
             self.compare_model(&estimate.motion, estimate.flow);

@@ -15,14 +15,15 @@ const SCANS: usize = 2;
 /// model, a mover where it looks the same.
 const CONTRADICTED: f32 = 4.0;
 
-/// Sensors measure nothing that is much nearer than this, metres: an object that reaches up to here goes on where depth ends.
+/// A Kinect or Xtion measures nothing that is much nearer than this, metres, whatever the sensor's data sheet says: an object that
+/// reaches up to here goes on where depth ends. Sensors that see nearer things have depth there, so that the rule finds nothing to do.
 const NEAR: f32 = 0.6;
 /// Share of an object's measured pixels that make it such an object.
 const NEAR_SHARE: f32 = 0.2;
 /// Distance at which a pixel without depth that already is such an object's stands from it: that of a step of sixty grey levels.
 const OF_NEAR_OBJECT: f32 = 30.0;
 
-/// Pixels this near to another label (working pixels, the smaller of them being 1) are decided anew.
+/// Pixels are decided anew up to this far from another label, working pixels; a pixel beside it is at 1.
 const RIM: usize = 3;
 /// Distance at which such a pixel stands from the label that depth gave it: that of a step of eighty grey levels.
 const BY_DEPTH: f32 = 40.0;
@@ -178,6 +179,20 @@ mod tests {
     #[test]
     fn an_outline_moves_to_an_edge_beside_it() {
         assert_eq!([3, 4].map(|edge| assigned(1.0, edge..15, None, 5)), [3, 4]);
+    }
+
+    #[test]
+    fn rims_reach_across_rows_and_not_around_the_ends_of_rows() {
+        let camera = Pinhole { width: 12, height: 12, fx: 12.0, fy: 12.0, cx: 5.5, cy: 5.5 };
+        // The lower right of the image moves; its edge in the image is one pixel higher and one to the left.
+        let mut frame = ViewFrame { gray: Image::filled(12, 12, 9), depth: Image::filled(12, 12, 2.0) };
+        let inside = |first: usize, i: usize| i % 12 >= first && i / 12 >= first;
+        frame.gray.pixels_mut().iter_mut().enumerate().filter(|(i, _)| inside(5, *i)).for_each(|(_, g)| *g = 90);
+        let given: Vec<u16> = (0..144).map(|i| u16::from(inside(6, i))).collect();
+        let moved: Vec<u16> = (0..144).map(|i| u16::from(inside(5, i))).collect();
+        let mut undecided = Undecided::default();
+        assert_eq!(undecided.assign(&camera, &frame, &given, &[None; 144], true), moved);
+        assert_eq!(undecided.assign(&camera, &frame, &given, &[None; 144], false), given, "outlines as depth has them");
     }
 
     #[test]
