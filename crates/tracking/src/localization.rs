@@ -37,6 +37,15 @@ impl Localized {
     fn is_complete(&self) -> bool {
         self.is_clear() && self.matches.len() as f64 >= MIN_FOUND * self.sought.len() as f64
     }
+
+    /// Whether this attempt is better than an earlier one, which started from a likelier place.
+    fn surpasses(&self, earlier: &Self) -> bool {
+        match (self.is_clear(), earlier.is_clear()) {
+            (true, true) => self.matches.len() as f64 > SURPASSING * earlier.matches.len() as f64,
+            (false, false) => self.matches.len() > earlier.matches.len(),
+            (clear, _) => clear,
+        }
+    }
 }
 
 /// What is known of the camera before a frame is seen; poses are world to camera.
@@ -65,20 +74,22 @@ const MIN_CONSENSUS: f64 = 0.65;
 /// and more stay in view.
 const MIN_FOUND: f64 = 0.5;
 
-/// The first of several attempts that is complete; if there is none, the one with most inliers among the clear ones, or among all.
+/// The first of several attempts, likeliest first, that is complete; if there is none, the best.
 fn first_complete<const N: usize>(attempts: [&dyn Fn() -> Option<Localized>; N]) -> Option<Localized> {
     let mut best: Option<Localized> = None;
     for found in attempts.into_iter().filter_map(|attempt| attempt()) {
         if found.is_complete() {
             return Some(found);
         }
-        let rank = |l: &Localized| (l.is_clear(), l.matches.len());
-        if best.as_ref().is_none_or(|b| rank(&found) > rank(b)) {
+        if best.as_ref().is_none_or(|b| found.surpasses(b)) {
             best = Some(found);
         }
     }
     best
 }
+
+/// A clear pose gives way to another when that finds this many times its points: a few more say nothing.
+const SURPASSING: f64 = 1.2;
 
 /// What localisation works with.
 #[derive(Clone, Copy)]
