@@ -293,6 +293,17 @@ fn a_mask_on_what_moves_is_believed_however_large_it_is() {
 }
 
 #[test]
+fn a_camera_that_does_not_wait_for_adjustments_is_tracked_as_well() {
+    let mut run = Run::new();
+    run.tracker.set_waiting(false);
+    // Frames come as fast as they are tracked, so that adjustments are late more often than beside a camera.
+    let states = run.play(0..142);
+    assert!(states.iter().all(|s| *s == TrackingState::Ok), "{states:?}");
+    assert!(run.tracker.map().keyframe_count() > 5, "no keyframes");
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
+#[test]
 fn same_input_same_poses() {
     let trajectory = || {
         let mut run = Run::new();
