@@ -70,8 +70,8 @@ const WIDER: f64 = 2.5;
 /// Share of agreeing associations that makes a pose clear. Where the search is in the right place two of three and more
 /// agree; beside it, on repeated texture, a third still finds a pose to agree on.
 const MIN_CONSENSUS: f64 = 0.65;
-/// Share of the points of the last frame that should be in view and must be found, or other starts are tried as well. From one frame to the next two thirds
-/// and more stay in view.
+/// Share of the points of the last frame that should be in view and must be found, or other starts are tried as well. From one frame to
+/// the next two thirds and more are found.
 const MIN_FOUND: f64 = 0.5;
 
 /// The first of several attempts, likeliest first, that is complete; if there is none, the best.

@@ -25,9 +25,10 @@ impl Motion {
         Self { stamp, T_camera_world, T_odom_camera, velocity: Pose::identity(), interval: 0.0 }
     }
 
-    /// Whether so much time lies between the last pose and `stamp` that everything may have changed.
-    pub(crate) fn is_gap(&self, stamp: Stamp) -> bool {
-        stamp.seconds_since(self.stamp) > MAX_EXTRAPOLATION
+    /// Whether so much time lies between the last pose and `stamp` that everything may have changed; not where frames always come so
+    /// rarely.
+    pub(crate) fn is_interrupted_by(&self, stamp: Stamp) -> bool {
+        stamp.seconds_since(self.stamp) > MAX_EXTRAPOLATION && self.interval <= MAX_EXTRAPOLATION
     }
 
     /// The pose at `stamp` if the velocity stays the same.
@@ -121,6 +122,16 @@ mod tests {
         assert!((motion.velocity_at(at(70), &pose(0.07)).x - 0.14).abs() < 1e-9);
         assert_eq!(motion.velocity_at(at(5000), &pose(0.07)), Vector6::zeros());
         assert!((motion.velocity_between(at(70), &pose(0.07)).x - 0.06).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_gap_is_an_interruption_and_a_low_rate_is_none() {
+        let at = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
+        let mut motion = Motion::start(at(0), Pose::identity(), Pose::identity());
+        motion.update(at(33), Pose::identity());
+        assert!(!motion.is_interrupted_by(at(400)) && motion.is_interrupted_by(at(1033)));
+        motion.update(at(1033), Pose::identity());
+        assert!(!motion.is_interrupted_by(at(2033)), "at 1 Hz no frame would follow without interruption");
     }
 
     #[test]

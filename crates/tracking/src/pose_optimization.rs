@@ -42,6 +42,9 @@ const ITERATIONS: usize = 6;
 const ROBUST_ROUNDS: usize = 2;
 /// A pose has six parameters; fewer than three points do not determine it.
 const MIN_OBSERVATIONS: usize = 3;
+/// A direction about which the observations say this share of what they say about the best determined one is open: rounding leaves so
+/// much (metres and radians are alike here, as depths are of the order of a metre).
+const OPEN: f64 = 1e-10;
 /// A step smaller than this (metres and radians) ends the iteration.
 const STEP_TOLERANCE: f64 = 1e-7;
 
@@ -69,6 +72,10 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
         for (inlier, observation) in inliers.iter_mut().zip(observations) {
             *inlier = is_inlier(camera, observation, &estimate);
         }
+    }
+    let eigenvalues = hessian.symmetric_eigenvalues();
+    if eigenvalues.min() <= OPEN * eigenvalues.max() {
+        return None;
     }
     let covariance = hessian.try_inverse()?;
     pose::is_finite(&estimate).then_some(PoseEstimate { T_camera_world: estimate, inliers, covariance })
@@ -142,6 +149,37 @@ mod tests {
             assert!(pose::log(&(estimate.T_camera_world * truth.inverse())).norm() < 1e-6);
             assert_eq!(estimate.inlier_count(), 75);
             assert!(estimate.covariance.cholesky().is_some(), "a covariance is positive definite");
+        }
+    }
+
+    /// Exact observations of points on the wall z = 2 m, at these pixels of the camera at the origin.
+    fn wall(pixels: &[(f64, f64)], truth: &Pose, with_depth: bool) -> Vec<PoseObservation> {
+        let observe = |&(x, y): &(f64, f64)| {
+            let point = camera().unproject(&Point2::new(x, y), 2.0);
+            let seen = truth * point;
+            let depth = with_depth.then_some((seen.z, 0.01));
+            PoseObservation {
+                point,
+                measured: Measurement { pixel: camera().project(&seen).unwrap(), sigma: 1.0, depth },
+            }
+        };
+        pixels.iter().map(observe).collect()
+    }
+
+    #[test]
+    fn a_plane_and_three_points_determine_a_pose_and_a_line_does_not() {
+        let truth = pose::exp(&Vector6::new(0.03, -0.02, 0.05, 0.02, -0.03, 0.04));
+        let grid: Vec<_> =
+            (0..25).map(|i| (120.0 + 100.0 * f64::from(i % 5), 80.0 + 80.0 * f64::from(i / 5))).collect();
+        let three = [(150.0, 100.0), (500.0, 150.0), (300.0, 400.0)];
+        for observations in [wall(&grid, &truth, true), wall(&grid, &truth, false), wall(&three, &truth, true)] {
+            let found = optimize_pose(&camera(), &observations, &Pose::identity()).unwrap();
+            assert!(pose::log(&(found.T_camera_world * truth.inverse())).norm() < 1e-6);
+        }
+        // Seen from where they were made, the points of a line leave the rotation about it open.
+        for row in [17.0, 100.0, 240.0, 333.3] {
+            let line: Vec<_> = (0..20).map(|i| (100.0 + 20.0 * f64::from(i), row)).collect();
+            assert_eq!(optimize_pose(&camera(), &wall(&line, &Pose::identity(), true), &Pose::identity()), None);
         }
     }
 

@@ -391,7 +391,7 @@ impl Tracker {
             self.revise_last_velocity(stamp, &localized.T_camera_world);
         }
         let Some(active) = &mut self.active else { return };
-        if was_lost || active.motion.is_gap(stamp) {
+        if was_lost || active.motion.is_interrupted_by(stamp) {
             active.resumed = Some(stamp);
         }
         if was_lost {

@@ -427,7 +427,7 @@ impl RigidSegmenter {
         let found = found.into_iter().filter(|c| self.objects.continues(c) || self.is_convincing(c)).collect();
         self.objects.update(found, &self.field.motion, time);
         self.complete();
-        self.decide();
+        self.assign_undecided();
         self.release(time);
         self.draw_mask();
     }
@@ -450,7 +450,7 @@ impl RigidSegmenter {
     }
 
     /// Lets grey levels decide where depth does not: along outlines and where it is missing.
-    fn decide(&mut self) {
+    fn assign_undecided(&mut self) {
         let (camera, changed) = (&self.view.camera, &self.field.changed);
         let outlines = self.config.refined_outlines;
         let labels = self.undecided.assign(camera, &self.current, &self.objects.labels, changed, outlines);
