@@ -3,11 +3,14 @@
 //! `cargo run --release -p pfd-segmentation --example evaluate_masks -- --mode pfd --set pfd.static_model=false SEQUENCE...`
 #![allow(clippy::print_stdout)]
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, Result};
 use clap::Parser;
+use common::{guess_camera, truth_of};
 use pfd_dataset::Sequence;
 use pfd_geometry::{GrayImage, Image, RgbdFrame};
 use pfd_segmentation::{Mode, Segmentation, SegmentationConfig, Segmenter, Status};
@@ -153,12 +156,6 @@ fn evaluate(folder: &Path, arguments: &Arguments, config: &SegmentationConfig) -
     Ok(())
 }
 
-fn guess_camera(frame: &RgbdFrame) -> Result<pfd_geometry::Camera> {
-    let (width, height) = frame.rgb().size();
-    let intrinsics = [525.0, 525.0, (width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
-    Ok(pfd_geometry::Camera::new((width, height), intrinsics, pfd_geometry::Distortion::default())?)
-}
-
 fn add_stages(stages: &mut Vec<(&'static str, f64)>, result: &Segmentation) {
     for &(name, ms) in &result.timing.0 {
         match stages.iter_mut().find(|(n, _)| *n == name) {
@@ -166,18 +163,6 @@ fn add_stages(stages: &mut Vec<(&'static str, f64)>, result: &Segmentation) {
             None => stages.push((name, ms)),
         }
     }
-}
-
-fn truth_of(folder: &Path, rgb: &Path, size: (usize, usize)) -> Result<Option<GrayImage>> {
-    let Some(stem) = rgb.file_stem() else { return Ok(None) };
-    let path = folder.join("mask").join(stem).with_extension("png");
-    let name = path.with_file_name(format!("{}.png", stem.to_string_lossy()));
-    if !name.exists() {
-        return Ok(None);
-    }
-    let image = image::open(&name)?.into_luma8();
-    anyhow::ensure!((image.width() as usize, image.height() as usize) == size, "{}: wrong size", name.display());
-    Ok(Some(Image::from_vec(size.0, size.1, image.into_raw())?))
 }
 
 fn report_frame(arguments: &Arguments, i: usize, counts: &Counts, result: &Segmentation) {

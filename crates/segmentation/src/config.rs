@@ -218,7 +218,7 @@ impl Default for PfdConfig {
             fail_open: true,
             older_reference_age: 0.3,
             significance: 3.5,
-            threshold: 0.5,
+            threshold: 0.47,
             min_area: 0.002,
             rest_time: 2.5,
             max_mask_share: 0.9,

@@ -13,5 +13,5 @@ mod segmenter;
 pub use config::{
     Compensation, Mode, PaperConfig, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig, UnknownMode,
 };
-pub use result::{BoundingBox, DynamicRegion, FailOpenReason, Segmentation, SegmentationError, Status};
+pub use result::{BoundingBox, DynamicRegion, FailOpenReason, NewRegion, Segmentation, SegmentationError, Status};
 pub use segmenter::Segmenter;

@@ -38,6 +38,18 @@ pub struct DynamicRegion {
     pub image_velocity: Vector2<f64>,
 }
 
+/// Something that may be a mover and continues none that was known, as it was judged.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NewRegion {
+    /// Its places in the camera image, pixels: one for each pixel of the working view.
+    pub pixels: Vec<[f32; 2]>,
+    /// How strong each cue is on it, 0 to 1: free space that is occupied, what stands before the static model, other luma where
+    /// depth is missing, corners that move on their own, other texture; the same texture, the same place.
+    pub cues: [f32; 7],
+    /// Whether it was taken for a mover.
+    pub believed: bool,
+}
+
 /// Why a mask was not believed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FailOpenReason {

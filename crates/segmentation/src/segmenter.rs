@@ -4,7 +4,7 @@ use pfd_geometry::{Camera, Mask, RgbdFrame, StageTimes};
 
 use crate::config::{Mode, SegmentationConfig};
 use crate::paper::PaperSegmenter;
-use crate::result::{Segmentation, SegmentationError, Status};
+use crate::result::{NewRegion, Segmentation, SegmentationError, Status};
 use crate::rigid::{Outcome, RigidSegmenter};
 
 /// Finds what moves, frame by frame.
@@ -74,6 +74,14 @@ impl Segmenter {
             Engine::None => {}
         }
         Ok(result)
+    }
+
+    /// What the last frame showed that may be a mover and continued none, in mode `pfd`: believed or not. For calibration.
+    pub fn new_regions(&self) -> &[NewRegion] {
+        match &self.engine {
+            Engine::Rigid(engine) => &engine.new_regions,
+            Engine::Paper(_) | Engine::None => &[],
+        }
     }
 
     /// Forgets everything, as if no frame had been seen.

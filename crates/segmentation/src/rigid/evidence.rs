@@ -56,6 +56,35 @@ const SURE_HITS: f32 = 10.0;
 /// Certainty of the static model from which it says whether a pixel has changed.
 const CERTAIN: f32 = 0.5;
 
+/// A kind of evidence by which new regions are judged (`credibility.rs`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Cue {
+    /// Occupies what an earlier frame saw to be free.
+    FreeSpace,
+    /// Stands before the static model.
+    BeforeModel,
+    /// Has no depth and other luma than the static model.
+    OtherLuma,
+    /// Corners move on their own.
+    OwnMotion,
+    /// Other texture than in an earlier frame.
+    OtherTexture,
+    /// The same, strong texture.
+    SameTexture,
+    /// The same depth as in an earlier frame or in the static model, or the same luma where there is no depth.
+    SamePlace,
+}
+
+impl Cue {
+    /// How many there are.
+    pub(crate) const COUNT: usize = 7;
+
+    /// Share of its weight that speaks for motion.
+    fn evidence(self) -> f32 {
+        if matches!(self, Self::SameTexture | Self::SamePlace) { 0.0 } else { 1.0 }
+    }
+}
+
 /// Accumulated evidence.
 #[derive(Debug, Default)]
 pub(crate) struct Field {
@@ -69,6 +98,8 @@ pub(crate) struct Field {
     pub(crate) intruding: Vec<f32>,
     /// Whether a pixel is other than the static model: by depth where the model is certain, by luma where depth is missing.
     pub(crate) changed: Vec<Option<bool>>,
+    /// Weight of each [`Cue`] per working pixel, before diffusion.
+    pub(crate) cues: Vec<[f32; Cue::COUNT]>,
 }
 
 impl Field {
@@ -84,10 +115,23 @@ impl Field {
         self.intruding.resize(pixels, 0.0);
         self.changed.clear();
         self.changed.resize(pixels, None);
+        self.cues.clear();
+        self.cues.resize(pixels, [0.0; Cue::COUNT]);
+    }
+
+    /// Adds `weight` of what `cue` says.
+    pub(crate) fn observe(&mut self, index: usize, cue: Cue, weight: f32) {
+        self.add(index, cue.evidence(), weight);
+        self.cues[index][cue as usize] += weight;
+    }
+
+    /// Adds `weight` of information against motion that no new region is judged by.
+    pub(crate) fn calm(&mut self, index: usize, weight: f32) {
+        self.add(index, 0.0, weight);
     }
 
     /// Adds `weight` of information, of which the share `evidence` speaks for motion.
-    pub(crate) fn add(&mut self, index: usize, evidence: f32, weight: f32) {
+    fn add(&mut self, index: usize, evidence: f32, weight: f32) {
         let cell = &mut self.cells[index];
         cell[0] += evidence * weight;
         cell[1] += weight;
@@ -95,14 +139,18 @@ impl Field {
 
     /// Adds evidence for motion that agreement with earlier frames cannot weaken: standing still does not make a thing part of
     /// the static scene.
-    fn insist(&mut self, index: usize, weight: f32) {
+    fn insist(&mut self, index: usize, cue: Cue, weight: f32) {
         let cell = &mut self.cells[index];
         cell[0] += weight;
         cell[1] = cell[0];
+        let cues = &mut self.cues[index];
+        cues[cue as usize] += weight;
+        (cues[Cue::SameTexture as usize], cues[Cue::SamePlace as usize]) = (0.0, 0.0);
     }
 
-    fn add_motion(&mut self, index: usize, weight: f32) {
-        self.add(index, 1.0, weight);
+    /// Adds `weight` of what `cue` says of motion between frames.
+    pub(crate) fn add_motion(&mut self, index: usize, cue: Cue, weight: f32) {
+        self.observe(index, cue, weight);
         self.motion[index] += weight;
     }
 }
@@ -219,14 +267,14 @@ impl Scene<'_> {
         if has_depth && near > 0.0 {
             match self.relation(z, [near, far], earlier.shift) {
                 Relation::Nearer => {
-                    field.add_motion(i, FREE_SPACE * SAMPLED);
+                    field.add_motion(i, Cue::FreeSpace, FREE_SPACE * SAMPLED);
                     return true;
                 }
                 Relation::Farther => return false,
                 Relation::Same => {
                     let outline = self.is_outline(i) && self.has_edge(near, far);
                     let weight = if outline { OUTLINE_SAME } else { DEPTH_SAME };
-                    field.add(i, 0.0, weight * SAMPLED * earlier.trust);
+                    field.observe(i, Cue::SamePlace, weight * SAMPLED * earlier.trust);
                 }
             }
         }
@@ -243,10 +291,11 @@ impl Scene<'_> {
         let sigma = (TEXTURE_NOISE * TEXTURE_NOISE + slip * slip).sqrt();
         let evidence = ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
         let texture = (gradient / STRONG_GRADIENT).min(1.0);
-        field.add(i, 0.0, (1.0 - evidence) * TEXTURE_SAME * texture * texture * SAMPLED * earlier.trust);
+        let same = (1.0 - evidence) * TEXTURE_SAME * texture * texture;
+        field.observe(i, Cue::SameTexture, same * SAMPLED * earlier.trust);
         let meaningful = earlier.appearance.mask[j] == 0 || self.carried[i] != BACKGROUND;
         if meaningful {
-            field.add_motion(i, evidence * TEXTURE_CHANGED * SAMPLED);
+            field.add_motion(i, Cue::OtherTexture, evidence * TEXTURE_CHANGED * SAMPLED);
         }
         meaningful
     }
@@ -267,16 +316,16 @@ impl Scene<'_> {
                 Relation::Nearer => {
                     field.intruding[i] = certainty;
                     field.changed[i] = (certainty > CERTAIN).then_some(true);
-                    field.insist(i, BEFORE_MODEL);
+                    field.insist(i, Cue::BeforeModel, BEFORE_MODEL);
                 }
                 Relation::Same => {
                     field.explained[i] = certainty;
                     field.changed[i] = (certainty > CERTAIN).then_some(false);
                     let outline = self.is_outline(i) && self.has_edge(near[i], far[i]);
                     let weight = if outline { OUTLINE_SAME } else { MODEL_SAME };
-                    field.add(i, 0.0, weight * field.explained[i]);
+                    field.observe(i, Cue::SamePlace, weight * field.explained[i]);
                 }
-                Relation::Farther => field.add(i, 0.0, UNCOVERED),
+                Relation::Farther => field.calm(i, UNCOVERED),
             }
         }
     }
@@ -286,9 +335,9 @@ impl Scene<'_> {
         let slip = self.gradient[i];
         field.changed[i] = Some(difference > LUMA_TOLERANCE + slip);
         if difference > LUMA_TOLERANCE + slip {
-            field.insist(i, LUMA);
+            field.insist(i, Cue::OtherLuma, LUMA);
         } else {
-            field.add(i, 0.0, LUMA);
+            field.observe(i, Cue::SamePlace, LUMA);
         }
     }
 

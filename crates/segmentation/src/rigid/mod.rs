@@ -2,6 +2,7 @@
 
 mod continuity;
 mod corners;
+mod credibility;
 mod diffusion;
 mod disjoint_sets;
 mod ego_motion;

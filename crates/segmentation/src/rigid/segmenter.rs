@@ -7,8 +7,9 @@ use pfd_vision::VisionError;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
+use super::credibility;
 use super::diffusion::{Conductance, EdgeScales};
-use super::evidence::{Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
+use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
 use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
@@ -22,7 +23,7 @@ use super::undecided::Undecided;
 use super::view::{Motion, View, ViewFrame};
 use crate::config::{Compensation, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig};
 use crate::particle_filter::{Particle, ParticleFilter};
-use crate::result::{DynamicRegion, FailOpenReason};
+use crate::result::{DynamicRegion, FailOpenReason, NewRegion};
 
 /// What one step found.
 pub(crate) enum Outcome {
@@ -69,6 +70,8 @@ pub(crate) struct RigidSegmenter {
     pub(crate) field: Field,
     /// Searching particles per working pixel.
     support: Vec<u16>,
+    /// What this frame shows that may be a mover and continues none.
+    pub(crate) new_regions: Vec<NewRegion>,
     /// 255 where something moves.
     pub(crate) mask: Vec<u8>,
 }
@@ -114,8 +117,6 @@ const STILL_CORNER: f32 = 0.2;
 const PRIOR: f32 = 0.04;
 /// Regions start where the log-odds exceed this.
 const HYSTERESIS: f32 = 0.3;
-/// Mean log-odds from which a region that continues nothing is believed.
-const NEW_ODDS: f32 = 0.2;
 /// Uncertainty of a warp, and of a corner under it, working pixels: interpolation and pose, …
 const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
@@ -124,7 +125,7 @@ const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
 const MIN_DENSITY: f64 = 0.5;
 /// … or are at least this share of all.
 const MAX_SUPPORT: f64 = 0.2;
-/// A region of which this share surely stands before the static model needs no particles: it has come in.
+/// A region of which this share surely stands before the static model has come in, whether or not particles have.
 const INTRUSION: f32 = 0.4;
 /// Something that hardly ever moved rests after this share of the time that an established mover takes.
 const MIN_REST: f64 = 0.2;
@@ -164,6 +165,7 @@ impl RigidSegmenter {
             particles: config.particles,
             field: Field::default(),
             support: Vec::new(),
+            new_regions: Vec::new(),
             mask: Vec::new(),
             view,
         };
@@ -192,6 +194,7 @@ impl RigidSegmenter {
         time: f64,
         timing: &mut StageTimes,
     ) -> Result<Outcome, VisionError> {
+        self.new_regions.clear();
         timing.measure("prepare", || self.prepare(frame))?;
         if self.history.is_empty() {
             timing.measure("model", || self.update_model());
@@ -276,7 +279,7 @@ impl RigidSegmenter {
         let moves = things::that_move(&self.surfaces, &camera, corners);
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {
             if moves.get(surface as usize).is_some_and(|m| *m) {
-                self.field.add(i, 1.0, MOVING_THING);
+                self.field.observe(i, Cue::OwnMotion, MOVING_THING);
             }
         }
     }
@@ -293,8 +296,8 @@ impl RigidSegmenter {
         for (corner, pixel) in self.territories.owned(&camera) {
             match verdicts[corner] {
                 Verdict::Silent => {}
-                Verdict::Moving => self.field.add(pixel, 1.0, moving),
-                Verdict::Still => self.field.add(pixel, 0.0, STILL_CORNER),
+                Verdict::Moving => self.field.observe(pixel, Cue::OwnMotion, moving),
+                Verdict::Still => self.field.calm(pixel, STILL_CORNER),
             }
         }
     }
@@ -390,18 +393,19 @@ impl RigidSegmenter {
         }
     }
 
-    /// Whether a component that continues no object is believed: clear evidence on average and, if configured, more particles
-    /// on it than chance would put there or a good part that surely stands before the static model.
-    fn is_convincing(&self, component: &Component) -> bool {
+    /// What the cues say together of a component that continues no object. Less is asked where, if configured, more particles have
+    /// gathered than chance would put there, or where a good part surely stands before the static model.
+    fn judge(&self, component: &Component) -> NewRegion {
         let count = component.pixels.len();
-        let odds: f32 = component.pixels.iter().map(|&i| self.objects.odds[i as usize]).sum();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
         let share = count as f64 / self.view.camera.pixels() as f64;
         let expected = self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT);
         let intruding: f32 = component.pixels.iter().map(|&i| self.field.intruding[i as usize]).sum();
         let supported =
             !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
-        odds > NEW_ODDS * count as f32 && supported
+        let cues = credibility::strengths(&self.field.cues, &component.pixels);
+        let pixels = component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect();
+        NewRegion { pixels, cues, believed: credibility::log_odds(&cues) > credibility::limit(supported) }
     }
 
     /// Regions of the camera image and the particles on each.
@@ -424,7 +428,10 @@ impl RigidSegmenter {
         let b = &mut self.buffers;
         let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
         let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
-        let found = found.into_iter().filter(|c| self.objects.continues(c) || self.is_convincing(c)).collect();
+        let (mut found, new): (Vec<_>, Vec<_>) = found.into_iter().partition(|c| self.objects.continues(c));
+        self.new_regions = new.iter().map(|component| self.judge(component)).collect();
+        let believed = new.into_iter().zip(&self.new_regions).filter(|(_, judged)| judged.believed);
+        found.extend(believed.map(|(component, _)| component));
         self.objects.update(found, &self.field.motion, time);
         self.complete();
         self.assign_undecided();
@@ -535,9 +542,7 @@ fn splat(camera: &super::view::Pinhole, centre: usize, field: &mut Field) {
     let (u, v) = (centre % camera.width, centre / camera.width);
     for y in v.saturating_sub(CORNER_RADIUS)..(v + CORNER_RADIUS + 1).min(camera.height) {
         for x in u.saturating_sub(CORNER_RADIUS)..(u + CORNER_RADIUS + 1).min(camera.width) {
-            let i = y * camera.width + x;
-            field.add(i, 1.0, CORNER);
-            field.motion[i] += CORNER;
+            field.add_motion(y * camera.width + x, Cue::OwnMotion, CORNER);
         }
     }
 }

@@ -1,0 +1,26 @@
+//! What the examples share: ground truth beside a sequence.
+
+use std::path::Path;
+
+use anyhow::Result;
+use pfd_geometry::{Camera, Distortion, GrayImage, Image, RgbdFrame};
+
+/// A camera for sequences without calibration.
+pub(crate) fn guess_camera(frame: &RgbdFrame) -> Result<Camera> {
+    let (width, height) = frame.rgb().size();
+    let intrinsics = [525.0, 525.0, (width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
+    Ok(Camera::new((width, height), intrinsics, Distortion::default())?)
+}
+
+/// The exact mask of a frame: 255 = moving, 128 = ignored, 0 = static.
+pub(crate) fn truth_of(folder: &Path, rgb: &Path, size: (usize, usize)) -> Result<Option<GrayImage>> {
+    let Some(stem) = rgb.file_stem() else { return Ok(None) };
+    let path = folder.join("mask").join(stem).with_extension("png");
+    let name = path.with_file_name(format!("{}.png", stem.to_string_lossy()));
+    if !name.exists() {
+        return Ok(None);
+    }
+    let image = image::open(&name)?.into_luma8();
+    anyhow::ensure!((image.width() as usize, image.height() as usize) == size, "{}: wrong size", name.display());
+    Ok(Some(Image::from_vec(size.0, size.1, image.into_raw())?))
+}

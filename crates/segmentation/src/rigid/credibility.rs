@@ -1,0 +1,78 @@
+//! Whether a region that continues no known object is a mover, judged as a whole.
+//!
+//! Pixel by pixel, evidence is a share of the information that there is, so that little of it can still mean much: that finds plain
+//! things and, where the camera moves fast, others that are none. A region has pixels enough to ask how much speaks for motion and
+//! how much against. Its log-odds are a sum over the cues, each of which saturates; the weights are those of a logistic regression
+//! on regions of known truth (`cargo run --example fit_credibility`; the README has the figures).
+
+use super::evidence::Cue;
+
+/// Mean weight per pixel at which a cue has half of its effect: a clear difference of depth on one pixel in ten.
+const HALF: f32 = 0.2;
+/// Log-odds of a region of which nothing is known.
+const BIAS: f32 = -1.7;
+/// Log-odds that each cue brings at most, in the order of [`Cue`]. Other luma where depth is missing speaks against a mover: reflections
+/// and the sensor's shadows have it most of all.
+const WEIGHTS: [f32; Cue::COUNT] = [2.6, 4.1, -3.5, 5.5, 4.3, -8.1, -10.6];
+
+/// Log-odds from which a region is believed that particles or the static model support, …
+const SUPPORTED: f32 = -0.3;
+/// … and any other.
+const ALONE: f32 = 1.8;
+
+/// Log-odds that a region with these [`strengths`] of the cues is a mover.
+pub(crate) fn log_odds(strengths: &[f32; Cue::COUNT]) -> f32 {
+    BIAS + WEIGHTS.iter().zip(strengths).map(|(weight, strength)| weight * strength).sum::<f32>()
+}
+
+/// How strong each cue is on the region of `pixels`, 0 to 1, from the weights of the cues on each pixel of the view.
+pub(crate) fn strengths(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> [f32; Cue::COUNT] {
+    let mut sums = [0.0; Cue::COUNT];
+    for &i in pixels {
+        for (sum, weight) in sums.iter_mut().zip(cues[i as usize]) {
+            *sum += weight;
+        }
+    }
+    sums.map(|sum| sum / (sum + HALF * pixels.len() as f32))
+}
+
+/// Log-odds from which a region is believed.
+pub(crate) fn limit(supported: bool) -> f32 {
+    if supported { SUPPORTED } else { ALONE }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Log-odds of a region of which each pixel has these weights of cues.
+    fn judged(cues: &[(Cue, f32)]) -> f32 {
+        let mut pixel = [0.0; Cue::COUNT];
+        for &(cue, weight) in cues {
+            pixel[cue as usize] += weight;
+        }
+        log_odds(&strengths(&[pixel; 4], &[0, 1, 3]))
+    }
+
+    #[test]
+    fn a_cue_has_half_of_its_effect_at_half_of_its_weight_and_saturates() {
+        let cues = [[0.0; Cue::COUNT], [2.0 * HALF; Cue::COUNT]];
+        assert_eq!(strengths(&cues, &[0, 1]), [0.5; Cue::COUNT], "the mean over the region counts");
+        assert_eq!(strengths(&cues, &[0]), [0.0; Cue::COUNT]);
+        assert!(strengths(&[[1e6; Cue::COUNT]], &[0]).iter().all(|s| (0.99..=1.0).contains(s)));
+    }
+
+    #[test]
+    fn what_comes_in_with_other_texture_is_a_mover_and_what_looks_the_same_is_none() {
+        let came_in = [(Cue::BeforeModel, 1.5), (Cue::FreeSpace, 1.0), (Cue::OtherTexture, 0.1)];
+        assert!(judged(&came_in) > limit(false));
+        assert!(judged(&[(Cue::SameTexture, 0.2), (Cue::SamePlace, 0.1)]) < limit(true));
+        assert!(judged(&[(Cue::OtherTexture, 0.03)]) < limit(true), "a trace of other texture is noise");
+    }
+
+    #[test]
+    fn particles_tip_the_scales() {
+        let corners = judged(&[(Cue::OwnMotion, 0.6), (Cue::OtherTexture, 0.05), (Cue::SameTexture, 0.1)]);
+        assert!(corners > limit(true) && corners < limit(false), "{corners}");
+    }
+}
