@@ -39,7 +39,7 @@ pub(crate) struct EgoMotion {
 /// what rolling shutter and blur add.
 const PIXEL_SIGMA: f32 = 0.35;
 /// Squared normalised residual (3 degrees of freedom, 99 %) up to which a track agrees.
-const INLIER_CHI2: f32 = 11.3;
+pub(crate) const INLIER_CHI2: f32 = 11.3;
 /// Agreement within this share of it counts twice: corners of a camera at rest do not move at all, which few other motions explain.
 const SHARP: f32 = 0.05;
 /// Points in a sample: three fix a rigid motion, the fourth damps noise.

@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 use super::corners::{CornerTracker, Correspondence, with_depth};
-use super::ego_motion::{self, EgoMotion};
+use super::ego_motion::{self, EgoMotion, INLIER_CHI2};
 use super::reference::FrameMotion;
 use super::view::{Motion, Pinhole, ViewFrame};
 use crate::config::{Compensation, PfdConfig};
@@ -36,6 +36,14 @@ pub(crate) struct MotionEstimate {
     pub(crate) corners: Vec<CornerMove>,
     /// Median image motion of corners, pixels.
     pub(crate) flow: f32,
+}
+
+impl MotionEstimate {
+    /// Share of the corners with depth that follow the camera, of those whose pixel in the previous frame `counts`.
+    pub(crate) fn agreement(&self, counts: impl Fn(usize) -> bool) -> f32 {
+        let judged = || self.corners.iter().filter(|c| counts(c.from)).filter_map(|c| c.chi2);
+        judged().filter(|chi2| *chi2 < INLIER_CHI2).count() as f32 / judged().count().max(1) as f32
+    }
 }
 
 /// Estimates motion from frame to frame.

@@ -53,6 +53,8 @@ pub(crate) struct RigidSegmenter {
     last_time: f64,
     /// Image motion since the previous frame, pixels.
     flow: f32,
+    /// Share of the corners, known movers aside, that follow the camera.
+    agreement: f32,
     failures: usize,
     /// Frames processed, which sets the pixels that are compared.
     frames: usize,
@@ -154,6 +156,7 @@ impl RigidSegmenter {
             objects: Objects::default(),
             last_time: 0.0,
             flow: 0.0,
+            agreement: 0.0,
             failures: 0,
             frames: 0,
             buffers: Buffers::default(),
@@ -242,6 +245,7 @@ impl RigidSegmenter {
             reference.motion = reference.motion.then(&estimate.motion);
         }
         self.flow = estimate.flow;
+        self.agreement = estimate.agreement(|from| self.objects.labels[from] == BACKGROUND);
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
         if self.config.temporal {
@@ -405,7 +409,11 @@ impl RigidSegmenter {
             !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
         let cues = credibility::strengths(&self.field.cues, &component.pixels);
         let pixels = component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect();
-        NewRegion { pixels, cues, believed: credibility::log_odds(&cues) > credibility::limit(supported) }
+        NewRegion {
+            pixels,
+            cues,
+            believed: credibility::log_odds(&cues) > credibility::limit(supported, self.agreement),
+        }
     }
 
     /// Regions of the camera image and the particles on each.
