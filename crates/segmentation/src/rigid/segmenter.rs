@@ -466,9 +466,9 @@ impl RigidSegmenter {
 
     /// Lets grey levels decide where depth does not: along outlines and where it is missing.
     fn assign_undecided(&mut self) {
-        let (camera, changed) = (&self.view.camera, &self.field.changed);
+        let found = (&self.objects.odds[..], &self.field.changed[..]);
         let outlines = self.config.refined_outlines;
-        let labels = self.undecided.assign(camera, &self.current, &self.objects.labels, changed, outlines);
+        let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found, outlines);
         self.objects.relabel(labels);
     }
 

@@ -20,8 +20,11 @@ const CONTRADICTED: f32 = 4.0;
 const NEAR: f32 = 0.6;
 /// Share of an object's measured pixels that make it such an object.
 const NEAR_SHARE: f32 = 0.2;
-/// Distance at which a pixel without depth that already is such an object's stands from it: that of a step of sixty grey levels.
-const OF_NEAR_OBJECT: f32 = 30.0;
+/// Log-odds below which a pixel without depth that looks no other than the static model is the background's.
+const CLEARLY_STATIC: f32 = -1.0;
+/// Distance at which a pixel without depth stands from what it was found to be, if such an object's or clearly static: that of a step of
+/// sixty grey levels.
+const AS_FOUND: f32 = 30.0;
 
 /// Pixels are decided anew up to this far from another label, working pixels; a pixel beside it is at 1.
 const RIM: usize = 3;
@@ -42,14 +45,14 @@ pub(crate) struct Undecided {
 impl Undecided {
     /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. `changed` says
     /// whether a pixel is other than in the static scene, where that is known. Along outlines the label given counts as well, and
-    /// so does that of pixels without depth where an object is too near to be measured. Without `outlines` all measured pixels keep
+    /// so does that of pixels without depth where an object is too near to be measured, or where the `odds` of motion are low. Without `outlines` all measured pixels keep
     /// their labels.
     pub(crate) fn assign(
         &mut self,
         camera: &Pinhole,
         frame: &ViewFrame,
         labels: &[u16],
-        changed: &[Option<bool>],
+        (odds, changed): (&[f32], &[Option<bool>]),
         outlines: bool,
     ) -> &[u16] {
         let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());
@@ -65,7 +68,8 @@ impl Undecided {
         let rim = &self.rim;
         let start = |i: usize| match depth[i] {
             z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
-            _ if near[labels[i] as usize] && changed[i] != Some(false) => OF_NEAR_OBJECT,
+            _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
+            _ if labels[i] == BACKGROUND && odds[i] < CLEARLY_STATIC && changed[i] != Some(true) => AS_FOUND,
             _ => f32::INFINITY,
         };
         self.distances.extend((0..depth.len()).map(start));
@@ -159,7 +163,7 @@ mod tests {
         frame.depth.pixels_mut()[10..].fill(2.0);
         let mut given = [BACKGROUND; 15];
         given[..labels].fill(1);
-        let found = Undecided::default().assign(&CAMERA, &frame, &given, &[changed; 15], true).to_vec();
+        let found = Undecided::default().assign(&CAMERA, &frame, &given, (&[0.0; 15], &[changed; 15]), true).to_vec();
         let object = found.iter().take_while(|l| **l == 1).count();
         assert!(found[object..].iter().all(|l| *l == BACKGROUND), "{found:?}");
         object
@@ -182,6 +186,21 @@ mod tests {
     }
 
     #[test]
+    fn what_is_clearly_static_stays_background_behind_an_edge() {
+        // The object has depth on five pixels; the rest of the row has none and changes its brightness half-way.
+        let mut frame = ViewFrame { gray: Image::filled(15, 1, 9), depth: Image::filled(15, 1, 0.0) };
+        frame.depth.pixels_mut()[..5].fill(1.0);
+        frame.gray.pixels_mut()[10..].fill(80);
+        let mut given = [BACKGROUND; 15];
+        given[..5].fill(1);
+        let objects = |odds: f32| {
+            let decided = (&[odds; 15][..], &[None; 15][..]);
+            Undecided::default().assign(&CAMERA, &frame, &given, decided, false).iter().filter(|l| **l == 1).count()
+        };
+        assert_eq!([0.0, -2.0].map(objects), [15, 10]);
+    }
+
+    #[test]
     fn rims_reach_across_rows_and_not_around_the_ends_of_rows() {
         let camera = Pinhole { width: 12, height: 12, fx: 12.0, fy: 12.0, cx: 5.5, cy: 5.5 };
         // The lower right of the image moves; its edge in the image is one pixel higher and one to the left.
@@ -191,8 +210,12 @@ mod tests {
         let given: Vec<u16> = (0..144).map(|i| u16::from(inside(6, i))).collect();
         let moved: Vec<u16> = (0..144).map(|i| u16::from(inside(5, i))).collect();
         let mut undecided = Undecided::default();
-        assert_eq!(undecided.assign(&camera, &frame, &given, &[None; 144], true), moved);
-        assert_eq!(undecided.assign(&camera, &frame, &given, &[None; 144], false), given, "outlines as depth has them");
+        assert_eq!(undecided.assign(&camera, &frame, &given, (&[0.0; 144], &[None; 144]), true), moved);
+        assert_eq!(
+            undecided.assign(&camera, &frame, &given, (&[0.0; 144], &[None; 144]), false),
+            given,
+            "outlines as depth has them"
+        );
     }
 
     #[test]
