@@ -175,7 +175,7 @@ pub struct PfdConfig {
     pub temporal: bool,
     /// Ignore changes of brightness that leave the local texture as it is.
     pub shadow_rejection: bool,
-    /// Require that particles gather on a region before it is accepted.
+    /// Ask for more evidence of a new region on which no particles gather.
     pub particle_support: bool,
     /// Return an empty mask, and say so, when the camera motion is uncertain or nearly everything would be masked.
     pub fail_open: bool,

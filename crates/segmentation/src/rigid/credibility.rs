@@ -3,16 +3,17 @@
 //! Pixel by pixel, evidence is a share of the information that there is, so that little of it can still mean much: that finds plain
 //! things and, where the camera moves fast, others that are none. A region has pixels enough to ask how much speaks for motion and
 //! how much against. Its log-odds are a sum over the cues, each of which saturates; the weights are those of a logistic regression
-//! on regions of known truth (`cargo run --example fit_credibility`; the README has the figures).
+//! on regions of known truth (`cargo run --example fit_credibility`; the README has the figures). They say how far each test of motion
+//! is to be trusted, nothing of what movers look like.
 
 use super::evidence::Cue;
 
-/// Mean weight per pixel at which a cue has half of its effect: a clear difference of depth on one pixel in ten.
+/// Mean weight per pixel at which a cue has half of its effect: a clear difference of depth on one to two pixels in ten.
 const HALF: f32 = 0.2;
 /// Log-odds of a region of which nothing is known.
 const BIAS: f32 = -2.0;
-/// Log-odds that each cue brings at most, in the order of [`Cue`]. Other luma where depth is missing speaks against a mover: reflections
-/// and the sensor's shadows have it most of all.
+/// Log-odds that each cue brings at most, in the order of [`Cue`]. Other luma where depth is missing says next to nothing: reflections and
+/// the sensor's shadows have it as often as movers.
 const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9];
 
 /// Log-odds from which a region is believed that particles or the static model support, …

@@ -174,3 +174,18 @@ fn median_length(corners: &[CornerMove]) -> f32 {
     let mut lengths: Vec<f32> = corners.iter().map(|c| c.displacement[0].hypot(c.displacement[1])).collect();
     super::objects::median(&mut lengths).unwrap_or(0.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn corners_agree_that_follow_the_camera_and_count() {
+        let corner = |from, chi2| CornerMove { from, to: from, displacement: [0.0; 2], residual: [0.0; 2], chi2 };
+        let corners = vec![corner(0, Some(1.0)), corner(1, Some(100.0)), corner(2, None), corner(3, Some(2.0))];
+        let estimate = MotionEstimate { motion: FrameMotion::none(false), corners, flow: 0.0 };
+        assert_eq!(estimate.agreement(|_| true), 2.0 / 3.0, "a corner without depth has no say");
+        assert_eq!(estimate.agreement(|from| from != 1), 1.0, "nor has one on a known mover");
+        assert_eq!(estimate.agreement(|_| false), 0.0);
+    }
+}

@@ -1,4 +1,5 @@
-//! Real movers in two frames, without history: the masks of `pfd-slam run` against outlines drawn by hand.
+//! Masks of `pfd-slam run` on real images: movers in two frames, without history, against outlines drawn by hand, and a scene in
+//! which nothing moves.
 
 // Tests fail by panicking, and so may their helpers.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -38,4 +39,22 @@ fn people_are_found_in_two_frames() {
         let iou = iou(&pairs, name);
         assert!(iou >= FOUND, "{name}: {iou:.3}");
     }
+}
+
+/// The goals of static scenes: mean and largest share of a frame that is masked.
+const STATIC: [f64; 2] = [0.005, 0.05];
+
+#[test]
+fn next_to_nothing_is_masked_where_nothing_moves() {
+    let Some(sequence) = data("tum-fr1-xyz-first180") else { return };
+    let out = tempfile::tempdir().unwrap();
+    pfd_slam(&["run".as_ref(), &*sequence, "--out".as_ref(), out.path()]);
+    let frames = std::fs::read_to_string(out.path().join("frames.csv")).unwrap();
+    let column = frames.lines().next().unwrap().split(',').position(|name| name == "mask_fraction").unwrap();
+    let share = |line: &str| line.split(',').nth(column).unwrap().parse::<f64>().unwrap();
+    let shares: Vec<f64> = frames.lines().skip(1).map(share).collect();
+    assert_eq!(shares.len(), 180);
+    let mean = shares.iter().sum::<f64>() / shares.len() as f64;
+    let worst = shares.iter().copied().fold(0.0, f64::max);
+    assert!(mean <= STATIC[0] && worst <= STATIC[1], "mean {mean}, worst {worst}");
 }
