@@ -5,7 +5,8 @@ DATA holds `tum-fr1-xyz-first180`, `joint-vo-sf-pairs` and `tum-fr3-walking-xyz-
 their lists, `groundtruth.txt` and `calib.yaml` in TUM layout. Without names all sequences are made.
 
 The fr1 sequences keep the real camera path. The rooms are single RGB-D images seen by a camera that only rotates (warped with
-K R K'^-1 and a longer focal length); people who are in those images stand still and count as static.
+K R K'^-1 and a longer focal length); people who are in those images stand still and count as static. What walks through the `drawn`
+sequences is drawn from the seed, so that another seed makes sequences on which nothing was tuned.
 
 Mask: 255 = moving, 128 = to be ignored, 0 = static. People are 255 as long as they are there, also while they pause. A box that was put
 down is 128 for 2.5 s and 0 from then on; what sets off is 0 until it is 2 cm from where it stood. Movers are z-tested against the
@@ -256,10 +257,25 @@ CHECKED = Looks(1.7, Texture("checks", (0.2, 0.2, 0.7), (0.75, 0.8, 0.8), 0.06),
 STRIPED = Looks(1.82, Texture("stripes", (0.55, 0.3, 0.12), (0.8, 0.78, 0.75), 0.05), Texture("flat", (0.16, 0.16, 0.17), scale=0.1))
 MOTTLED = Looks(1.66, Texture("noise", (0.15, 0.45, 0.2), (0.6, 0.85, 0.7), 0.035), Texture("flat", (0.42, 0.5, 0.56), scale=0.1), (0.15, 0.3, 0.5))
 
+ALL_LOOKS = [CHECKED, STRIPED, MOTTLED, PLAIN_GREY]
+
 # A mover that sets off counts as static until it is this far from where it stood, metres: before, no sensor tells the difference.
 SET_OFF = 0.02
 
 Scene = Callable[[float], list[Solid]]
+
+
+def drawn(rng: np.random.Generator) -> Scene:
+    """One to three walkers whose looks and ways are drawn: each comes from one side, mostly pauses, and leaves at a side."""
+    walkers = []
+    for looks in rng.permutation(len(ALL_LOOKS))[: rng.integers(1, 4)]:
+        start, come, rest, leave = np.cumsum(rng.uniform((-0.5, 1.0, 0.0, 1.0), (1.5, 2.5, 1.5, 2.5)))
+        sides, middle = rng.choice([-1.6, 1.6], 2), rng.uniform(-0.6, 0.6)
+        near = rng.uniform(0.8, 2.2, 3)
+        here = (middle, near[1])
+        track = Track((start, sides[0], near[0]), (come, *here), (rest, *here), (leave, sides[1], near[2]))
+        walkers.append((track, ALL_LOOKS[looks]))
+    return lambda t: [part for track, looks in walkers for part in person(track, looks, t)]
 
 
 def three_people() -> Scene:
@@ -711,7 +727,9 @@ FR1 = {
     "three-people": three_people, "box-put-down": box_put_down, "things": things,
     "box-sets-off": box_sets_off, "plain-sets-off": plain_sets_off,
 }
-NAMES = [*FR1, "fast-empty", *ROOMS]
+# Scenes drawn from the seed: another seed makes sequences that nobody has seen.
+DRAWN = {"fr1-drawn": None, "room-a-drawn": ROOM_A, "room-b-drawn": ROOM_B, "room-c-drawn": ROOM_C}
+NAMES = [*FR1, "fast-empty", *ROOMS, *DRAWN]
 
 
 def main() -> None:
@@ -719,7 +737,7 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="folder of the real images")
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}; default all")
     parser.add_argument("--out", type=Path, required=True, help="folder for the sequences")
-    parser.add_argument("--seed", type=int, default=1, help="seed of camera motion and noise")
+    parser.add_argument("--seed", type=int, default=1, help="seed of camera motion, noise and what is drawn")
     parser.add_argument("--sheets", type=Path, help="folder for contact sheets")
     options = parser.parse_intermixed_args()
     if unknown := set(options.names) - set(NAMES):
@@ -731,6 +749,9 @@ def main() -> None:
             writer = compose_fr1(options.data, folder, FR1[name](), rng)
         elif name == "fast-empty":
             writer = compose_fast(options.data, folder)
+        elif name in DRAWN:
+            room, scene = DRAWN[name], drawn(rng)
+            writer = compose_room(options.data, folder, room, scene, rng) if room else compose_fr1(options.data, folder, scene, rng)
         else:
             room, scene = ROOMS[name]
             writer = compose_room(options.data, folder, room, scene(), rng)
