@@ -121,10 +121,11 @@ fn fit(samples: &[&Sample]) -> Weights {
 
 /// The area under the receiver operating characteristic: how often a mover scores above another region.
 fn describe(scores: &[(f64, bool)]) -> String {
-    let (movers, others): (Vec<(f64, bool)>, Vec<(f64, bool)>) = scores.iter().copied().partition(|(_, moves)| *moves);
+    let of = |moving: bool| scores.iter().filter(|s| s.1 == moving).map(|s| s.0).collect::<Vec<f64>>();
+    let (movers, others) = (of(true), of(false));
     if movers.is_empty() || others.is_empty() {
         return format!("{} movers", movers.len());
     }
-    let above = movers.iter().map(|m| others.iter().filter(|o| m.0 > o.0).count()).sum::<usize>();
+    let above = movers.iter().map(|m| others.iter().filter(|o| m > o).count()).sum::<usize>();
     format!("{} movers, area under the curve {:.3}", movers.len(), above as f64 / (movers.len() * others.len()) as f64)
 }

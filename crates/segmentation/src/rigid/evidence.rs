@@ -126,7 +126,7 @@ impl Field {
     }
 
     /// Adds `weight` of information against motion that no new region is judged by.
-    pub(crate) fn calm(&mut self, index: usize, weight: f32) {
+    pub(crate) fn add_static(&mut self, index: usize, weight: f32) {
         self.add(index, 0.0, weight);
     }
 
@@ -325,7 +325,7 @@ impl Scene<'_> {
                     let weight = if outline { OUTLINE_SAME } else { MODEL_SAME };
                     field.observe(i, Cue::SamePlace, weight * field.explained[i]);
                 }
-                Relation::Farther => field.calm(i, UNCOVERED),
+                Relation::Farther => field.add_static(i, UNCOVERED),
             }
         }
     }

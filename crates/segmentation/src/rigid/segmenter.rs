@@ -301,7 +301,7 @@ impl RigidSegmenter {
             match verdicts[corner] {
                 Verdict::Silent => {}
                 Verdict::Moving => self.field.observe(pixel, Cue::OwnMotion, moving),
-                Verdict::Still => self.field.calm(pixel, STILL_CORNER),
+                Verdict::Still => self.field.add_static(pixel, STILL_CORNER),
             }
         }
     }
