@@ -28,8 +28,8 @@ struct Arguments {
     sequences: Vec<PathBuf>,
 }
 
-/// The bias and the seven cues.
-const PARAMETERS: usize = 8;
+/// The bias and the cues.
+const PARAMETERS: usize = 1 + NewRegion::CUES;
 /// Newton steps: the likelihood is concave, and a few more than it takes do no harm.
 const STEPS: usize = 20;
 /// Prior precision of each weight: about one region's worth, so that cues which never occur get no weight.
@@ -46,7 +46,7 @@ struct Sample {
 }
 
 impl Sample {
-    /// `None` where the truth is that nobody knows.
+    /// `None` where all of the region is to be ignored.
     fn new(sequence: usize, region: &NewRegion, truth: &GrayImage) -> Option<Self> {
         let values = region.pixels.iter().filter_map(|[x, y]| truth.get(x.round() as usize, y.round() as usize));
         let (moving, still) = values.fold((0, 0), |(m, s), v| (m + u32::from(*v == 255), s + u32::from(*v == 0)));

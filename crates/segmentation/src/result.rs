@@ -45,9 +45,14 @@ pub struct NewRegion {
     pub pixels: Vec<[f32; 2]>,
     /// How strong each cue is on it, 0 to 1: free space that is occupied, what stands before the static model, other luma where
     /// depth is missing, corners that move on their own, other texture; the same texture, the same place.
-    pub cues: [f32; 7],
+    pub cues: [f32; Self::CUES],
     /// Whether it was taken for a mover.
     pub believed: bool,
+}
+
+impl NewRegion {
+    /// Kinds of evidence by which it is judged.
+    pub const CUES: usize = 7;
 }
 
 /// Why a mask was not believed.

@@ -12,15 +12,14 @@ pub(crate) fn guess_camera(frame: &RgbdFrame) -> Result<Camera> {
     Ok(Camera::new((width, height), intrinsics, Distortion::default())?)
 }
 
-/// The exact mask of a frame: 255 = moving, 128 = ignored, 0 = static.
+/// The exact mask of a frame: 255 = moving, 128 = ignored, 0 = static; `None` where there is none.
 pub(crate) fn truth_of(folder: &Path, rgb: &Path, size: (usize, usize)) -> Result<Option<GrayImage>> {
     let Some(stem) = rgb.file_stem() else { return Ok(None) };
-    let path = folder.join("mask").join(stem).with_extension("png");
-    let name = path.with_file_name(format!("{}.png", stem.to_string_lossy()));
-    if !name.exists() {
+    let path = folder.join("mask").join(format!("{}.png", stem.to_string_lossy()));
+    if !path.exists() {
         return Ok(None);
     }
-    let image = image::open(&name)?.into_luma8();
-    anyhow::ensure!((image.width() as usize, image.height() as usize) == size, "{}: wrong size", name.display());
+    let image = image::open(&path)?.into_luma8();
+    anyhow::ensure!((image.width() as usize, image.height() as usize) == size, "{}: wrong size", path.display());
     Ok(Some(Image::from_vec(size.0, size.1, image.into_raw())?))
 }

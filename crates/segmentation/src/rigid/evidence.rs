@@ -77,7 +77,7 @@ pub(crate) enum Cue {
 
 impl Cue {
     /// How many there are.
-    pub(crate) const COUNT: usize = 7;
+    pub(crate) const COUNT: usize = Self::SamePlace as usize + 1;
 
     /// Share of its weight that speaks for motion.
     fn evidence(self) -> f32 {

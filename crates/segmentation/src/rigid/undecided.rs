@@ -45,8 +45,8 @@ pub(crate) struct Undecided {
 impl Undecided {
     /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. `changed` says
     /// whether a pixel is other than in the static scene, where that is known. Along outlines the label given counts as well, and
-    /// so does that of pixels without depth where an object is too near to be measured, or where the `odds` of motion are low. Without `outlines` all measured pixels keep
-    /// their labels.
+    /// so does that of pixels without depth where an object is too near to be measured, or where the log-`odds` of motion are low.
+    /// Without `outlines` all measured pixels keep their labels.
     pub(crate) fn assign(
         &mut self,
         camera: &Pinhole,
