@@ -167,6 +167,8 @@ pub struct PfdConfig {
     pub region: RegionShape,
     /// Extend what moves over the rest of the thing that it is a part of: a gesturing person is more than arms.
     pub whole_things: bool,
+    /// Large planes move as a whole or not at all, and what touches one is no part of it.
+    pub rigid_planes: bool,
     /// Corners that move together speak for the surface around them.
     pub moving_corners: bool,
     /// Place the outlines of what moves on edges of the grey image: depth is ragged there.
@@ -210,6 +212,7 @@ impl Default for PfdConfig {
             static_model: true,
             region: RegionShape::DepthEdges,
             whole_things: true,
+            rigid_planes: true,
             moving_corners: true,
             refined_outlines: true,
             temporal: true,

@@ -7,6 +7,7 @@ mod diffusion;
 mod disjoint_sets;
 mod ego_motion;
 mod evidence;
+mod large_planes;
 mod motion;
 mod objects;
 mod planes;

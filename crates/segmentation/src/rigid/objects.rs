@@ -228,6 +228,21 @@ impl Objects {
         }
     }
 
+    /// Takes the pixels for which `is_still` holds from their objects, and drops those that keep none; odds stay.
+    pub(crate) fn give_back(&mut self, is_still: impl Fn(usize) -> bool) {
+        let labels = &mut self.labels;
+        for object in &mut self.list {
+            object.pixels.retain(|&i| {
+                let still = is_still(i as usize);
+                if still {
+                    labels[i as usize] = BACKGROUND;
+                }
+                !still
+            });
+        }
+        self.list.retain(|object| !object.pixels.is_empty());
+    }
+
     /// Gives pixels to the objects that `labels` names, and drops those that get none; odds stay.
     pub(crate) fn relabel(&mut self, labels: &[u16]) {
         self.labels.clone_from_slice(labels);

@@ -42,7 +42,7 @@ fn flood(camera: &Pinhole, seed: usize, visited: &mut [bool], inside: impl Fn(us
     let mut next = 0;
     while let Some(&i) = pixels.get(next) {
         next += 1;
-        for j in neighbours(camera, i as usize).into_iter().flatten() {
+        for j in neighbours((camera.width, camera.height), i as usize).into_iter().flatten() {
             if !visited[j] && inside(j) {
                 visited[j] = true;
                 pixels.push(j as u32);
@@ -53,13 +53,13 @@ fn flood(camera: &Pinhole, seed: usize, visited: &mut [bool], inside: impl Fn(us
 }
 
 /// The pixels left, right, above and below.
-pub(crate) fn neighbours(camera: &Pinhole, i: usize) -> [Option<usize>; 4] {
-    let (width, u) = (camera.width, i % camera.width);
+pub(crate) fn neighbours((width, height): (usize, usize), i: usize) -> [Option<usize>; 4] {
+    let u = i % width;
     [
         (u > 0).then(|| i - 1),
         (u + 1 < width).then(|| i + 1),
         i.checked_sub(width),
-        (i + width < camera.pixels()).then(|| i + width),
+        (i + width < width * height).then(|| i + width),
     ]
 }
 

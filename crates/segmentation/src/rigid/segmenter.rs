@@ -10,13 +10,14 @@ use rand_pcg::Pcg64Mcg;
 use super::credibility;
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
+use super::large_planes::LargePlanes;
 use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
 use super::regions::{BACKGROUND, Component, components, dilate, fill_holes, fill_rectangle};
 use super::report;
 use super::static_model::StaticModel;
-use super::surfaces::Surfaces;
+use super::surfaces::{Relief, Surfaces};
 use super::territories::{Territories, Verdict};
 use super::things;
 use super::undecided::Undecided;
@@ -59,6 +60,7 @@ pub(crate) struct RigidSegmenter {
     /// Frames processed, which sets the pixels that are compared.
     frames: usize,
     buffers: Buffers,
+    planes: LargePlanes,
     surfaces: Surfaces,
     territories: Territories,
     undecided: Undecided,
@@ -160,6 +162,7 @@ impl RigidSegmenter {
             failures: 0,
             frames: 0,
             buffers: Buffers::default(),
+            planes: LargePlanes::default(),
             surfaces: Surfaces::default(),
             territories: Territories::default(),
             undecided: Undecided::default(),
@@ -255,6 +258,7 @@ impl RigidSegmenter {
         if self.config.static_model {
             self.compare_model(&estimate.motion, estimate.flow);
         }
+        self.find_surfaces();
         if self.config.whole_things {
             self.blame_things(&estimate.corners);
         }
@@ -275,12 +279,20 @@ impl RigidSegmenter {
         });
     }
 
+    fn find_surfaces(&mut self) {
+        let (camera, depth) = (&self.view.camera, self.current.depth.pixels());
+        match self.config.rigid_planes {
+            true => self.planes.find(camera, &self.noise, depth),
+            false => self.planes.clear(depth.len()),
+        }
+        let relief = Relief::new(&self.noise, depth, &self.planes.labels);
+        self.surfaces.find(camera, &relief);
+        self.surfaces.describe(camera, &relief, |_| Some(1.0));
+    }
+
     /// Adds evidence over the whole of things on which most corners move on their own: two frames suffice for that.
     fn blame_things(&mut self, corners: &[CornerMove]) {
-        let (camera, depth) = (self.view.camera, self.current.depth.pixels());
-        self.surfaces.find(&camera, &self.noise, depth);
-        self.surfaces.describe(&camera, depth, |_| Some(1.0));
-        let moves = things::that_move(&self.surfaces, &camera, corners);
+        let moves = things::that_move(&self.surfaces, &self.view.camera, corners);
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {
             if moves.get(surface as usize).is_some_and(|m| *m) {
                 self.field.observe(i, Cue::OwnMotion, MOVING_THING);
@@ -441,6 +453,9 @@ impl RigidSegmenter {
         let believed = new.into_iter().zip(&self.new_regions).filter(|(_, judged)| judged.believed);
         found.extend(believed.map(|(component, _)| component));
         self.objects.update(found, &self.field.motion, time);
+        if self.config.rigid_planes {
+            things::settle_planes(&mut self.objects, &self.surfaces, &camera);
+        }
         self.complete();
         self.assign_undecided();
         self.release(time);
@@ -457,9 +472,9 @@ impl RigidSegmenter {
         // What the static model explains is not in doubt, whatever evidence has come to it from a mover beside it.
         let share = |i: usize| (1.0 - explained[i]) * cells[i][0] / (cells[i][1] + PRIOR);
         let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| share(i));
-        self.surfaces.describe(&camera, self.current.depth.pixels(), doubt);
-        let mut rng = Pcg64Mcg::seed_from_u64(self.seed ^ self.frames as u64);
         let depth = self.current.depth.pixels();
+        self.surfaces.describe(&camera, &Relief::new(&self.noise, depth, &self.planes.labels), doubt);
+        let mut rng = Pcg64Mcg::seed_from_u64(self.seed ^ self.frames as u64);
         let owners = things::owners(&self.objects, &self.surfaces, (&camera, &self.noise, depth), &mut rng);
         self.objects.extend(&self.surfaces, &owners);
     }

@@ -1,9 +1,11 @@
-//! Surfaces of a depth image: pixels that connect without a depth step, as candidates for whole things.
+//! Surfaces of a depth image: pixels that connect without a depth step, as candidates for whole things. A large plane and what touches
+//! it are surfaces of their own.
 
 use pfd_geometry::DepthNoise;
 
 use super::continuity::Continuity;
 use super::disjoint_sets::{join, root};
+use super::large_planes::NO_PLANE;
 use super::view::Pinhole;
 
 /// Label of pixels without depth.
@@ -23,6 +25,34 @@ pub(crate) struct Surfaces {
     above: Vec<Option<usize>>,
 }
 
+/// A depth image and the large plane of each of its pixels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Relief<'a> {
+    /// Metres; 0 = none.
+    pub(crate) depth: &'a [f32],
+    /// Equal on one plane, [`NO_PLANE`] on none.
+    pub(crate) planes: &'a [u16],
+    pub(crate) continuity: Continuity,
+}
+
+impl<'a> Relief<'a> {
+    pub(crate) fn new(noise: &DepthNoise, depth: &'a [f32], planes: &'a [u16]) -> Self {
+        Self { depth, planes, continuity: Continuity::new(noise, 1) }
+    }
+
+    /// Whether two neighbours lie on one surface.
+    #[inline]
+    fn connects(&self, i: usize, j: usize) -> bool {
+        self.planes[i] == self.planes[j] && self.touches(i, j)
+    }
+
+    /// Whether no depth step parts two pixels.
+    #[inline]
+    fn touches(&self, i: usize, j: usize) -> bool {
+        self.continuity.connects(self.depth[i], self.depth[j])
+    }
+}
+
 /// One connected surface. Counts with "still" in the name leave out the pixels that are known to move: they tell what the rest is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Surface {
@@ -38,6 +68,10 @@ pub(crate) struct Surface {
     hides: u32,
     /// Still border pixels at which it is hidden.
     hidden: u32,
+    /// Still border pixels at which it touches another surface: one of both is a large plane.
+    touching: u32,
+    /// Whether it is part of a large plane.
+    pub(crate) on_plane: bool,
     /// Still pixels.
     still: u32,
     /// Sum of the shares of evidence for motion of still pixels.
@@ -50,18 +84,33 @@ const SAMPLE: usize = 500;
 const MAX_WIDTH: f32 = 1.2;
 /// Things are not deeper than this along the viewing direction, metres: a desk that a mover touches is.
 const MAX_EXTENT: f32 = 0.5;
+/// How freely a thing stands at least.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Standing {
+    /// Share of its border, what touches aside, on which it stands before its surroundings.
+    pub(crate) front: f32,
+    /// The same share of all of its border.
+    pub(crate) apart: f32,
+}
+
 /// Mean share of evidence for motion that the still part of a thing shows at least; what surely is static has less.
 const MIN_DOUBT: f32 = 0.12;
 
 impl Surface {
     /// Whether it may be a thing (a person, a box) of which a part is known to move, and not a thing's surroundings that connect
-    /// with it: it stands before its surroundings on at least the share `min_front` of its border.
-    pub(crate) fn is_thing(&self, camera: &Pinhole, min_front: f32) -> bool {
-        let front = self.hides as f32 > min_front * (self.hides + self.hidden) as f32;
-        front
-            && self.width(camera) < MAX_WIDTH
+    /// with it.
+    pub(crate) fn is_thing(&self, camera: &Pinhole, standing: Standing) -> bool {
+        let [hides, hidden, touching] = [self.hides, self.hidden, self.touching].map(|n| n as f32);
+        hides > standing.front * (hides + hidden)
+            && hides >= standing.apart * (hides + hidden + touching)
+            && self.is_narrow(camera)
             && self.extent() < MAX_EXTENT
             && self.doubt >= MIN_DOUBT * self.still as f32
+    }
+
+    /// Whether it is no wider than a thing.
+    pub(crate) fn is_narrow(&self, camera: &Pinhole) -> bool {
+        self.width(camera) < MAX_WIDTH
     }
 
     /// Extent along the viewing direction, metres: that of a uniform distribution of the same variance.
@@ -89,22 +138,24 @@ impl Surface {
 }
 
 impl Surfaces {
-    /// Finds the surfaces of a depth image (metres, 0 = none). What is known of them follows by [`Self::describe`].
-    pub(crate) fn find(&mut self, camera: &Pinhole, noise: &DepthNoise, depth: &[f32]) {
-        self.connect(camera.width, noise, depth);
-        self.number(depth);
+    /// Finds the surfaces of a frame. What is known of them follows by [`Self::describe`].
+    pub(crate) fn find(&mut self, camera: &Pinhole, relief: &Relief<'_>) {
+        self.connect(camera.width, relief);
+        self.number(relief);
     }
 
     /// Measures the surfaces. `doubt` is the share of evidence for motion, `None` for pixels that are known to move.
-    pub(crate) fn describe(&mut self, camera: &Pinhole, depth: &[f32], doubt: impl Fn(usize) -> Option<f32>) {
+    pub(crate) fn describe(&mut self, camera: &Pinhole, relief: &Relief<'_>, doubt: impl Fn(usize) -> Option<f32>) {
         let width = camera.width;
-        self.list.fill(Surface::default());
-        for (i, &z) in depth.iter().enumerate() {
+        for surface in &mut self.list {
+            *surface = Surface { on_plane: surface.on_plane, ..Surface::default() };
+        }
+        for (i, &z) in relief.depth.iter().enumerate() {
             if let Some(surface) = self.list.get_mut(self.labels[i] as usize) {
                 surface.add((i % width) as u32, z, doubt(i));
             }
         }
-        self.judge_borders(width, depth, &|i| doubt(i).is_some());
+        self.judge_borders(width, relief, &|i| doubt(i).is_some());
     }
 
     /// Some of the surface's points (camera frame, metres) for which `wanted` holds.
@@ -122,21 +173,21 @@ impl Surfaces {
     }
 
     /// Gives every run of connected pixels of a row an index, and joins the indices of runs that connect with the row above.
-    fn connect(&mut self, width: usize, noise: &DepthNoise, depth: &[f32]) {
-        let continuity = Continuity::new(noise, 1);
+    fn connect(&mut self, width: usize, relief: &Relief<'_>) {
+        let depth = relief.depth;
         self.parents.clear();
         self.labels.clear();
         self.labels.resize(depth.len(), NO_SURFACE);
         let mut joined = (NO_SURFACE, NO_SURFACE);
-        for (i, &z) in depth.iter().enumerate().filter(|(_, z)| **z > 0.0) {
-            let run = if i % width > 0 && continuity.connects(z, depth[i - 1]) {
+        for i in (0..depth.len()).filter(|i| depth[*i] > 0.0) {
+            let run = if i % width > 0 && relief.connects(i, i - 1) {
                 self.labels[i - 1]
             } else {
                 self.parents.push(self.parents.len() as u32);
                 self.parents.len() as u32 - 1
             };
             self.labels[i] = run;
-            if i >= width && continuity.connects(z, depth[i - width]) {
+            if i >= width && relief.connects(i, i - width) {
                 let contact = (run, self.labels[i - width]);
                 // Two runs mostly touch along many pixels.
                 if contact != joined {
@@ -148,11 +199,11 @@ impl Surfaces {
     }
 
     /// From indices of runs to surfaces.
-    fn number(&mut self, depth: &[f32]) {
+    fn number(&mut self, relief: &Relief<'_>) {
         self.list.clear();
         self.surface_of_run.clear();
         self.surface_of_run.resize(self.parents.len(), NO_SURFACE);
-        for i in 0..depth.len() {
+        for i in 0..self.labels.len() {
             let run = self.labels[i];
             if run == NO_SURFACE {
                 continue;
@@ -161,14 +212,15 @@ impl Surfaces {
             let first = root(&mut self.parents, run) as usize;
             if self.surface_of_run[first] == NO_SURFACE {
                 self.surface_of_run[first] = self.list.len() as u32;
-                self.list.push(Surface::default());
+                self.list.push(Surface { on_plane: relief.planes[i] != NO_PLANE, ..Surface::default() });
             }
             self.labels[i] = self.surface_of_run[first];
         }
     }
 
     /// Counts who is in front along every row and column; pixels without depth in between are skipped.
-    fn judge_borders(&mut self, width: usize, depth: &[f32], still: &impl Fn(usize) -> bool) {
+    fn judge_borders(&mut self, width: usize, relief: &Relief<'_>, still: &impl Fn(usize) -> bool) {
+        let depth = relief.depth;
         self.above.clear();
         self.above.resize(width, None);
         for v in 0..depth.len() / width.max(1) {
@@ -176,18 +228,23 @@ impl Surfaces {
             for u in 0..width {
                 let i = v * width + u;
                 if depth[i] > 0.0 {
-                    self.judge_step(left.replace(i), i, depth, still);
+                    self.judge_step(left.replace(i), i, relief, still);
                     let above = self.above[u].replace(i);
-                    self.judge_step(above, i, depth, still);
+                    self.judge_step(above, i, relief, still);
                 }
             }
         }
     }
 
-    fn judge_step(&mut self, before: Option<usize>, i: usize, depth: &[f32], still: &impl Fn(usize) -> bool) {
+    fn judge_step(&mut self, before: Option<usize>, i: usize, relief: &Relief<'_>, still: &impl Fn(usize) -> bool) {
         match before {
             Some(b) if self.labels[b] == self.labels[i] => {}
-            Some(b) if depth[b] < depth[i] => self.count_border(b, i, still),
+            Some(b) if relief.touches(b, i) => {
+                for j in [b, i] {
+                    self.list[self.labels[j] as usize].touching += u32::from(still(j));
+                }
+            }
+            Some(b) if relief.depth[b] < relief.depth[i] => self.count_border(b, i, still),
             Some(b) => self.count_border(i, b, still),
             None => {}
         }
@@ -209,12 +266,20 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole { width: 8, height: 2, fx: 8.0, fy: 8.0, cx: 3.5, cy: 0.5 };
 
-    fn surfaces(row: [f32; 8], doubt: f32) -> Surfaces {
+    const STANDING: Standing = Standing { front: 0.5, apart: 0.5 };
+
+    /// Surfaces of two such rows.
+    fn on_planes(row: [f32; 8], planes: [u16; 8], doubt: f32) -> Surfaces {
         let mut surfaces = Surfaces::default();
-        let depth = [row, row].concat();
-        surfaces.find(&CAMERA, &DepthNoise::default(), &depth);
-        surfaces.describe(&CAMERA, &depth, |_| Some(doubt));
+        let (depth, planes) = ([row, row].concat(), [planes, planes].concat());
+        let relief = Relief::new(&DepthNoise::default(), &depth, &planes);
+        surfaces.find(&CAMERA, &relief);
+        surfaces.describe(&CAMERA, &relief, |_| Some(doubt));
         surfaces
+    }
+
+    fn surfaces(row: [f32; 8], doubt: f32) -> Surfaces {
+        on_planes(row, [NO_PLANE; 8], doubt)
     }
 
     #[test]
@@ -235,8 +300,8 @@ mod tests {
         // Two rows, left and right border of each.
         assert_eq!((found.list[1].hides, found.list[1].hidden), (4, 0));
         assert_eq!(found.list[0].hides, 0);
-        assert!(!found.list[0].is_thing(&CAMERA, 0.5), "the wall is behind");
-        assert!(!surfaces([1.0; 8], 0.5).list[0].is_thing(&CAMERA, 0.5), "nothing behind it");
+        assert!(!found.list[0].is_thing(&CAMERA, STANDING), "the wall is behind");
+        assert!(!surfaces([1.0; 8], 0.5).list[0].is_thing(&CAMERA, STANDING), "nothing behind it");
     }
 
     #[test]
@@ -248,13 +313,29 @@ mod tests {
             columns: [3, 5],
             hides: 30,
             hidden: 10,
+            touching: 5,
+            on_plane: false,
             still: 80,
             doubt: 20.0,
         };
-        assert!(thing.is_thing(&CAMERA, 0.5));
-        assert!(!Surface { doubt: 1.0, ..thing }.is_thing(&CAMERA, 0.5));
-        assert!(!Surface { depth: 500.0, squares: 2501.0, ..thing }.is_thing(&CAMERA, 0.5), "almost two metres wide");
-        assert!(!Surface { squares: 103.0, ..thing }.is_thing(&CAMERA, 0.5), "0.6 metres deep");
-        assert!(!Surface { hidden: 40, ..thing }.is_thing(&CAMERA, 0.5));
+        assert!(thing.is_thing(&CAMERA, STANDING));
+        assert!(!Surface { doubt: 1.0, ..thing }.is_thing(&CAMERA, STANDING));
+        assert!(
+            !Surface { depth: 500.0, squares: 2501.0, ..thing }.is_thing(&CAMERA, STANDING),
+            "almost two metres wide"
+        );
+        assert!(!Surface { squares: 103.0, ..thing }.is_thing(&CAMERA, STANDING), "0.6 metres deep");
+        assert!(!Surface { hidden: 40, ..thing }.is_thing(&CAMERA, STANDING));
+        assert!(!Surface { touching: 25, ..thing }.is_thing(&CAMERA, STANDING));
+    }
+
+    #[test]
+    fn a_large_plane_and_what_touches_it_are_two_surfaces() {
+        // Something before a wall rises from a desk that is as near.
+        let found = on_planes([2.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1, 1, 0, 0, 2, 2, 2, 2], 0.5);
+        let on_planes: Vec<bool> = found.list.iter().map(|s| s.on_plane).collect();
+        assert_eq!(on_planes, [true, false, true]);
+        let thing = found.list[1];
+        assert_eq!((thing.pixels, thing.hides, thing.hidden, thing.touching), (4, 2, 0, 2));
     }
 }

@@ -1,4 +1,4 @@
-//! Which surfaces move as a whole: by the corners on them, or because a part of them moves.
+//! Which surfaces move as a whole: by the corners on them, because a part of them moves, or because they are rigid.
 
 use pfd_geometry::DepthNoise;
 use rand_pcg::Pcg64Mcg;
@@ -7,19 +7,21 @@ use super::motion::CornerMove;
 use super::objects::Objects;
 use super::planes::planar_share;
 use super::regions::BACKGROUND;
-use super::surfaces::Surfaces;
+use super::surfaces::{Standing, Surfaces};
 use super::view::Pinhole;
 use super::votes::Votes;
 
 /// Share of a thing that must be seen to move for all of it to count as moving: about an arm of a person.
 const MOVING_PART: f32 = 0.12;
-/// A thing of which most corners move stands before its surroundings on at least this share of its border; …
-const MOVER_FRONT: f32 = 0.75;
-/// … more is asked where only a part moves: a mover that touches a desk connects with it, and a desk stands before much, too.
-const THING_FRONT: f32 = 0.9;
+/// How a thing of which most corners move stands; …
+const MOVER: Standing = Standing { front: 0.75, apart: 0.95 };
+/// … more is asked of its front where only a part moves: a mover that touches furniture connects with it, and furniture stands before
+/// much, too.
+const PARTLY_MOVING: Standing = Standing { front: 0.9, apart: 0.6 };
 /// Furniture is mostly planar and people are not: a still part with more than this share on one plane is what a mover touches.
 const MAX_PLANAR: f32 = 0.8;
 /// Of what a mover merely touches less than this share is taken for moving: a thing of which more moves does so as a whole, planar or not.
+/// Of a large plane, which is rigid, the rest does not move either.
 const MOSTLY_MOVING: f32 = 0.5;
 
 /// For each surface, whether it is a thing on which most corners move on their own.
@@ -33,8 +35,30 @@ pub(crate) fn that_move(surfaces: &Surfaces, camera: &Pinhole, corners: &[Corner
     votes
         .iter()
         .zip(&surfaces.list)
-        .map(|(votes, surface)| votes.agree_on_motion(surface.pixels) && surface.is_thing(camera, MOVER_FRONT))
+        .map(|(votes, surface)| votes.agree_on_motion(surface.pixels) && surface.is_thing(camera, MOVER))
         .collect()
+}
+
+/// Lets large planes move as a whole, if most of one was found to move and it is no wider than a thing, or not at all.
+pub(crate) fn settle_planes(objects: &mut Objects, surfaces: &Surfaces, camera: &Pinhole) {
+    let mut moving = vec![0_u32; surfaces.list.len()];
+    for &i in objects.list.iter().flat_map(|o| &o.pixels) {
+        if let Some(count) = moving.get_mut(surfaces.labels[i as usize] as usize) {
+            *count += 1;
+        }
+    }
+    let mostly = |index: usize, moving: u32| moving as f32 > MOSTLY_MOVING * surfaces.list[index].pixels as f32;
+    let still: Vec<bool> = moving
+        .iter()
+        .enumerate()
+        .map(|(index, &moving)| surfaces.list[index].on_plane && !mostly(index, moving))
+        .collect();
+    objects.give_back(|i| still.get(surfaces.labels[i] as usize).is_some_and(|s| *s));
+    let owners = objects.owners(surfaces, |index, moving| {
+        let surface = &surfaces.list[index];
+        surface.on_plane && surface.is_narrow(camera) && mostly(index, moving)
+    });
+    objects.extend(surfaces, &owners);
 }
 
 /// For each surface the label of the object that it belongs to as a whole, or [`BACKGROUND`].
@@ -53,7 +77,7 @@ pub(crate) fn owners(
             planar_share(&points, noise, rng) < MAX_PLANAR
         };
         let whole = |rng| share > MOSTLY_MOVING || curved(rng);
-        share > MOVING_PART && surface.is_thing(camera, THING_FRONT) && whole(&mut *rng)
+        share > MOVING_PART && surface.is_thing(camera, PARTLY_MOVING) && whole(&mut *rng)
     })
 }
 
@@ -61,29 +85,52 @@ pub(crate) fn owners(
 mod tests {
     use super::*;
     use crate::rigid::regions::Component;
+    use crate::rigid::surfaces::Relief;
     use rand::SeedableRng;
 
     const CAMERA: Pinhole = Pinhole { width: 40, height: 20, fx: 40.0, fy: 40.0, cx: 19.5, cy: 9.5 };
 
-    /// Whether a flat plate before a wall, of which the left `columns` of twenty were found to move, moves as a whole.
-    fn plate_moves(columns: usize) -> bool {
+    /// A flat plate before a wall, of which the left `columns` of twenty were found to move, and its surfaces; with `planes` both are large
+    /// planes.
+    fn plate(columns: usize, planes: bool) -> (Objects, Surfaces, Vec<f32>) {
         let on_plate = |i: usize| (10..30).contains(&(i % 40)) && (4..16).contains(&(i / 40));
         let depth: Vec<f32> = (0..800).map(|i| if on_plate(i) { 1.0 } else { 2.0 }).collect();
         let moving: Vec<u32> = (0..800).filter(|&i| on_plate(i) && i % 40 < 10 + columns).map(|i| i as u32).collect();
         let mut objects = Objects::default();
         objects.clear(800);
         objects.update(vec![Component { pixels: moving }], &[0.0; 800], 0.0);
+        let labels: Vec<u16> = (0..800).map(|i| u16::from(planes) * (1 + u16::from(on_plate(i)))).collect();
+        let relief = Relief::new(&DepthNoise::default(), &depth, &labels);
         let mut surfaces = Surfaces::default();
-        surfaces.find(&CAMERA, &DepthNoise::default(), &depth);
-        surfaces.describe(&CAMERA, &depth, |i| (objects.labels[i] == BACKGROUND).then_some(0.5));
-        let mut rng = Pcg64Mcg::seed_from_u64(1);
-        let owners = owners(&objects, &surfaces, (&CAMERA, &DepthNoise::default(), &depth), &mut rng);
-        owners[surfaces.labels[10 * 40 + 25] as usize] != BACKGROUND
+        surfaces.find(&CAMERA, &relief);
+        surfaces.describe(&CAMERA, &relief, |i| (objects.labels[i] == BACKGROUND).then_some(0.5));
+        (objects, surfaces, depth)
     }
 
     #[test]
     fn a_flat_thing_moves_as_a_whole_when_most_of_it_does() {
-        assert!(!plate_moves(6), "this may be a desk that somebody touches");
-        assert!(plate_moves(12));
+        let moves = |columns| {
+            let (objects, surfaces, depth) = plate(columns, false);
+            let mut rng = Pcg64Mcg::seed_from_u64(1);
+            let owners = owners(&objects, &surfaces, (&CAMERA, &DepthNoise::default(), &depth), &mut rng);
+            owners[surfaces.labels[10 * 40 + 25] as usize] != BACKGROUND
+        };
+        assert!(!moves(6), "this may be a desk that somebody touches");
+        assert!(moves(12));
+    }
+
+    #[test]
+    fn a_large_plane_moves_as_a_whole_or_not_at_all() {
+        let moving = |columns| {
+            let (mut objects, surfaces, _) = plate(columns, true);
+            settle_planes(&mut objects, &surfaces, &CAMERA);
+            assert_eq!(objects.list.iter().map(|o| o.pixels.len()).sum::<usize>(), on_objects(&objects));
+            on_objects(&objects)
+        };
+        assert_eq!([9, 11].map(moving), [0, 20 * 12]);
+    }
+
+    fn on_objects(objects: &Objects) -> usize {
+        objects.labels.iter().filter(|l| **l != BACKGROUND).count()
     }
 }

@@ -78,12 +78,12 @@ impl Undecided {
         pixels.extend((0..depth.len()).filter(|&i| depth[i] == 0.0 || rim[i]).map(|i| i as u32));
         for _ in 0..SCANS {
             for i in pixels.iter().map(|&i| i as usize) {
-                let [left, _, above, _] = neighbours(camera, i);
+                let [left, _, above, _] = neighbours((camera.width, camera.height), i);
                 self.relax(i, left, gray, changed[i]);
                 self.relax(i, above, gray, changed[i]);
             }
             for i in pixels.iter().rev().map(|&i| i as usize) {
-                let [_, right, _, below] = neighbours(camera, i);
+                let [_, right, _, below] = neighbours((camera.width, camera.height), i);
                 self.relax(i, right, gray, changed[i]);
                 self.relax(i, below, gray, changed[i]);
             }
