@@ -20,10 +20,9 @@ pub(crate) const NO_PLANE: u16 = 0;
 const BLOCK: usize = 8;
 /// Share of a block's pixels that have depth at least.
 const MEASURED: f64 = 0.75;
-/// Root mean square of the residuals up to which a block is flat, standard deviations of inverse depth, …
-const FLAT: f64 = 1.5;
-/// … and up to which it goes on with the plane beside it.
-const FITTING: f64 = 2.0;
+/// Root mean square of the residuals up to which a block is flat, and up to which it goes on with the plane beside it, standard
+/// deviations of inverse depth: more than one, for what the sensor's calibration bends.
+const FLAT: f64 = 1.25;
 /// Residual up to which a pixel lies on a plane, standard deviations.
 const ON_PLANE: f32 = 2.0;
 /// Planes smaller than this are none, square metres: a chest is flat over less. Where noise hides the curvature of a chest, beyond one
@@ -96,12 +95,12 @@ impl Sums {
         Some(self.normal.cholesky()?.solve(&self.right))
     }
 
-    /// Whether the root mean square of the residuals stays below so many standard deviations.
-    fn lie_on(&self, plane: &Plane, noise: &DepthNoise, sigmas: f64) -> bool {
+    /// Whether the pixels lie on a plane.
+    fn lie_on(&self, plane: &Plane, noise: &DepthNoise) -> bool {
         let squares = self.squares - 2.0 * plane.dot(&self.right) + plane.dot(&(self.normal * plane));
         let q = self.mean_inverse_depth();
         // Of both parts of the noise the larger: together they would let a belly pass for flat at arm's length.
-        let sigma = sigmas * noise.quadratic.max(noise.offset * q * q);
+        let sigma = FLAT * noise.quadratic.max(noise.offset * q * q);
         squares < sigma * sigma * self.count()
     }
 
@@ -150,7 +149,7 @@ impl LargePlanes {
                 }
             }
             let measured = sums.count() >= MEASURED * (BLOCK * BLOCK) as f64;
-            let flat = measured && sums.fit().is_some_and(|plane| sums.lie_on(&plane, noise, FLAT));
+            let flat = measured && sums.fit().is_some_and(|plane| sums.lie_on(&plane, noise));
             Block { sums, flat, taken: false, label: NO_PLANE }
         }));
     }
@@ -168,7 +167,7 @@ impl LargePlanes {
             next += 1;
             for i in neighbours(size, member).into_iter().flatten() {
                 let block = &mut self.blocks[i];
-                if block.flat && !block.taken && block.sums.lie_on(&plane, noise, FITTING) {
+                if block.flat && !block.taken && block.sums.lie_on(&plane, noise) {
                     block.taken = true;
                     self.members.push(i);
                     sums.merge(&block.sums);
