@@ -31,6 +31,11 @@ pub(crate) fn log_odds(strengths: &[f32; Cue::COUNT]) -> f32 {
     BIAS + WEIGHTS.iter().zip(strengths).map(|(weight, strength)| weight * strength).sum::<f32>()
 }
 
+/// Whether all cues on these pixels together speak for motion rather than against it.
+pub(crate) fn speaks_for_motion(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> bool {
+    log_odds(&strengths(cues, pixels)) > BIAS
+}
+
 /// How strong each cue is on the region of `pixels`, 0 to 1, from the weights of the cues on each pixel of the view.
 pub(crate) fn strengths(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> [f32; Cue::COUNT] {
     let mut sums = [0.0; Cue::COUNT];
@@ -78,6 +83,20 @@ mod tests {
         assert!(judged(&came_in) > limit(false, 1.0));
         assert!(judged(&[(Cue::SameTexture, 0.2), (Cue::SamePlace, 0.1)]) < limit(true, 1.0));
         assert!(judged(&[(Cue::OtherTexture, 0.03)]) < limit(true, 1.0), "a trace of other texture is noise");
+    }
+
+    #[test]
+    fn cues_speak_for_motion_or_against_it() {
+        let speak = |cue: Cue| {
+            let mut cues = [[0.0; Cue::COUNT]; 2];
+            cues[1][cue as usize] = 0.1;
+            speaks_for_motion(&cues, &[0, 1])
+        };
+        assert_eq!(
+            [Cue::OwnMotion, Cue::BeforeModel, Cue::SameTexture, Cue::SamePlace].map(speak),
+            [true, true, false, false]
+        );
+        assert!(!speaks_for_motion(&[[0.0; Cue::COUNT]], &[0]), "nothing is known");
     }
 
     #[test]

@@ -281,9 +281,10 @@ impl RigidSegmenter {
 
     fn find_surfaces(&mut self) {
         let (camera, depth) = (&self.view.camera, self.current.depth.pixels());
-        match self.config.rigid_planes {
-            true => self.planes.find(camera, &self.noise, depth),
-            false => self.planes.clear(depth.len()),
+        if self.config.rigid_planes {
+            self.planes.find(camera, &self.noise, depth);
+        } else {
+            self.planes.clear(depth.len());
         }
         let relief = Relief::new(&self.noise, depth, &self.planes.labels);
         self.surfaces.find(camera, &relief);
@@ -454,7 +455,9 @@ impl RigidSegmenter {
         found.extend(believed.map(|(component, _)| component));
         self.objects.update(found, &self.field.motion, time);
         if self.config.rigid_planes {
-            things::settle_planes(&mut self.objects, &self.surfaces, &camera);
+            let (cues, surfaces) = (&self.field.cues, &self.surfaces);
+            let speaks_for_motion = |surface| credibility::speaks_for_motion(cues, &surfaces.pixels(surface));
+            things::settle_planes(&mut self.objects, &self.surfaces, &camera, speaks_for_motion);
         }
         self.complete();
         self.assign_undecided();

@@ -158,6 +158,11 @@ impl Surfaces {
         self.judge_borders(width, relief, &|i| doubt(i).is_some());
     }
 
+    /// The surface's pixels.
+    pub(crate) fn pixels(&self, surface: u32) -> Vec<u32> {
+        (0..self.labels.len() as u32).filter(|&i| self.labels[i as usize] == surface).collect()
+    }
+
     /// Some of the surface's points (camera frame, metres) for which `wanted` holds.
     pub(crate) fn sample(
         &self,

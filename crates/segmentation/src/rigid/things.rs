@@ -39,8 +39,14 @@ pub(crate) fn that_move(surfaces: &Surfaces, camera: &Pinhole, corners: &[Corner
         .collect()
 }
 
-/// Lets large planes move as a whole, if most of one was found to move and it is no wider than a thing, or not at all.
-pub(crate) fn settle_planes(objects: &mut Objects, surfaces: &Surfaces, camera: &Pinhole) {
+/// Lets large planes move as a whole or not at all: as a whole if most of one was found to move, all of it `speaks_for_motion`, and it is
+/// no wider than a thing.
+pub(crate) fn settle_planes(
+    objects: &mut Objects,
+    surfaces: &Surfaces,
+    camera: &Pinhole,
+    speaks_for_motion: impl Fn(u32) -> bool,
+) {
     let mut moving = vec![0_u32; surfaces.list.len()];
     for &i in objects.list.iter().flat_map(|o| &o.pixels) {
         if let Some(count) = moving.get_mut(surfaces.labels[i as usize] as usize) {
@@ -56,7 +62,7 @@ pub(crate) fn settle_planes(objects: &mut Objects, surfaces: &Surfaces, camera: 
     objects.give_back(|i| still.get(surfaces.labels[i] as usize).is_some_and(|s| *s));
     let owners = objects.owners(surfaces, |index, moving| {
         let surface = &surfaces.list[index];
-        surface.on_plane && surface.is_narrow(camera) && mostly(index, moving)
+        surface.on_plane && surface.is_narrow(camera) && mostly(index, moving) && speaks_for_motion(index as u32)
     });
     objects.extend(surfaces, &owners);
 }
@@ -121,13 +127,13 @@ mod tests {
 
     #[test]
     fn a_large_plane_moves_as_a_whole_or_not_at_all() {
-        let moving = |columns| {
+        let moving = |(columns, speaks_for_motion)| {
             let (mut objects, surfaces, _) = plate(columns, true);
-            settle_planes(&mut objects, &surfaces, &CAMERA);
+            settle_planes(&mut objects, &surfaces, &CAMERA, |_| speaks_for_motion);
             assert_eq!(objects.list.iter().map(|o| o.pixels.len()).sum::<usize>(), on_objects(&objects));
             on_objects(&objects)
         };
-        assert_eq!([9, 11].map(moving), [0, 20 * 12]);
+        assert_eq!([(9, true), (11, true), (11, false)].map(moving), [0, 20 * 12, 11 * 12]);
     }
 
     fn on_objects(objects: &Objects) -> usize {
