@@ -84,13 +84,13 @@ const SAMPLE: usize = 500;
 const MAX_WIDTH: f32 = 1.2;
 /// Things are not deeper than this along the viewing direction, metres: a desk that a mover touches is.
 const MAX_EXTENT: f32 = 0.5;
-/// How freely a thing stands at least.
+/// How freely a thing stands.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Standing {
-    /// Share of its border, what touches aside, on which it stands before its surroundings.
+    /// Share of its border, what touches aside, on which it stands before its surroundings at least.
     pub(crate) front: f32,
-    /// The same share of all of its border.
-    pub(crate) apart: f32,
+    /// Share of its border on which it touches large planes at most.
+    pub(crate) touching: f32,
 }
 
 /// Mean share of evidence for motion that the still part of a thing shows at least; what surely is static has less.
@@ -102,7 +102,7 @@ impl Surface {
     pub(crate) fn is_thing(&self, camera: &Pinhole, standing: Standing) -> bool {
         let [hides, hidden, touching] = [self.hides, self.hidden, self.touching].map(|n| n as f32);
         hides > standing.front * (hides + hidden)
-            && hides >= standing.apart * (hides + hidden + touching)
+            && touching <= standing.touching * (hides + hidden + touching)
             && self.is_narrow(camera)
             && self.extent() < MAX_EXTENT
             && self.doubt >= MIN_DOUBT * self.still as f32
@@ -271,7 +271,7 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole { width: 8, height: 2, fx: 8.0, fy: 8.0, cx: 3.5, cy: 0.5 };
 
-    const STANDING: Standing = Standing { front: 0.5, apart: 0.5 };
+    const STANDING: Standing = Standing { front: 0.5, touching: 0.3 };
 
     /// Surfaces of two such rows.
     fn on_planes(row: [f32; 8], planes: [u16; 8], doubt: f32) -> Surfaces {

@@ -14,10 +14,10 @@ use super::votes::Votes;
 /// Share of a thing that must be seen to move for all of it to count as moving: about an arm of a person.
 const MOVING_PART: f32 = 0.12;
 /// How a thing of which most corners move stands; …
-const MOVER: Standing = Standing { front: 0.75, apart: 0.95 };
+const MOVER: Standing = Standing { front: 0.75, touching: 0.05 };
 /// … more is asked of its front where only a part moves: a mover that touches furniture connects with it, and furniture stands before
 /// much, too.
-const PARTLY_MOVING: Standing = Standing { front: 0.9, apart: 0.6 };
+const PARTLY_MOVING: Standing = Standing { front: 0.9, touching: 0.4 };
 /// Furniture is mostly planar and people are not: a still part with more than this share on one plane is what a mover touches.
 const MAX_PLANAR: f32 = 0.8;
 /// Of what a mover merely touches less than this share is taken for moving: a thing of which more moves does so as a whole, planar or not.
