@@ -279,6 +279,7 @@ impl RigidSegmenter {
         });
     }
 
+    /// Parts the frame into surfaces; large planes are surfaces of their own.
     fn find_surfaces(&mut self) {
         let (camera, depth) = (&self.view.camera, self.current.depth.pixels());
         if self.config.rigid_planes {
