@@ -5,6 +5,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use std::path::Path;
+use std::process::Command;
 
 use pfd_tests::{data, programs, repository};
 use serde_json::Value;
@@ -44,17 +45,43 @@ fn people_are_found_in_two_frames() {
 /// The goals of static scenes: mean and largest share of a frame that is masked.
 const STATIC: [f64; 2] = [0.005, 0.05];
 
-#[test]
-fn next_to_nothing_is_masked_where_nothing_moves() {
-    let Some(sequence) = data("tum-fr1-xyz-first180") else { return };
+/// Share of each frame of a static sequence that is masked.
+fn masked(sequence: &Path) -> Vec<f64> {
     let out = tempfile::tempdir().unwrap();
-    pfd_slam(&["run".as_ref(), &*sequence, "--out".as_ref(), out.path()]);
+    pfd_slam(&["run".as_ref(), sequence, "--out".as_ref(), out.path()]);
     let frames = std::fs::read_to_string(out.path().join("frames.csv")).unwrap();
     let column = frames.lines().next().unwrap().split(',').position(|name| name == "mask_fraction").unwrap();
     let share = |line: &str| line.split(',').nth(column).unwrap().parse::<f64>().unwrap();
-    let shares: Vec<f64> = frames.lines().skip(1).map(share).collect();
-    assert_eq!(shares.len(), 180);
+    frames.lines().skip(1).map(share).collect()
+}
+
+fn assert_static(shares: &[f64]) {
     let mean = shares.iter().sum::<f64>() / shares.len() as f64;
     let worst = shares.iter().copied().fold(0.0, f64::max);
     assert!(mean <= STATIC[0] && worst <= STATIC[1], "mean {mean}, worst {worst}");
+}
+
+#[test]
+fn next_to_nothing_is_masked_where_nothing_moves() {
+    let Some(sequence) = data("tum-fr1-xyz-first180") else { return };
+    let shares = masked(&sequence);
+    assert_eq!(shares.len(), 180);
+    assert_static(&shares);
+}
+
+/// Backwards the sequence starts before a dark screen, in which reflections move.
+#[test]
+fn reflections_are_no_objects() {
+    let Some(sequence) = data("tum-fr1-xyz-first180") else { return };
+    let Some(python) = programs::python_with("argparse") else { return };
+    let takes = tempfile::tempdir().unwrap();
+    let vary = Command::new(python)
+        .arg(repository().join("tests/python/vary_sequence.py"))
+        .args([&*sequence, "--only".as_ref(), "reversed".as_ref(), "--out".as_ref(), takes.path()])
+        .output()
+        .unwrap();
+    assert!(vary.status.success(), "{}", String::from_utf8_lossy(&vary.stderr));
+    let shares = masked(&takes.path().join("tum-fr1-xyz-first180+reversed"));
+    assert!(shares.len() > 170, "{} frames", shares.len());
+    assert_static(&shares);
 }

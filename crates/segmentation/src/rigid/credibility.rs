@@ -26,6 +26,14 @@ const UNCERTAIN: f32 = 1.8;
 /// where the camera turns so fast that rolling shutter and blur bend the image.
 const CERTAIN_AGREEMENT: f32 = 0.85;
 
+/// Strength of a cue of depth from which a region has come to where it is: a clear difference on one pixel in a hundred.
+const DEPTH_SPEAKS: f32 = 0.05;
+
+/// Whether a region's depth says that it has moved, and not only its texture.
+pub(crate) fn depth_speaks(strengths: &[f32; Cue::COUNT]) -> bool {
+    [Cue::FreeSpace, Cue::BeforeModel].into_iter().any(|cue| strengths[cue as usize] > DEPTH_SPEAKS)
+}
+
 /// Log-odds that a region with these [`strengths`] of the cues is a mover.
 pub(crate) fn log_odds(strengths: &[f32; Cue::COUNT]) -> f32 {
     BIAS + WEIGHTS.iter().zip(strengths).map(|(weight, strength)| weight * strength).sum::<f32>()
@@ -97,6 +105,18 @@ mod tests {
             [true, true, false, false]
         );
         assert!(!speaks_for_motion(&[[0.0; Cue::COUNT]], &[0]), "nothing is known");
+    }
+
+    #[test]
+    fn depth_speaks_from_one_clear_pixel_in_a_hundred_on() {
+        let speaks = |cue: Cue, pixels: usize| {
+            let mut cues = [[0.0; Cue::COUNT]; 400];
+            cues[..pixels].iter_mut().for_each(|c| c[cue as usize] = 1.0);
+            let all: Vec<u32> = (0..400).collect();
+            depth_speaks(&strengths(&cues, &all))
+        };
+        assert!(speaks(Cue::FreeSpace, 5) && speaks(Cue::BeforeModel, 5));
+        assert!(!speaks(Cue::FreeSpace, 3) && !speaks(Cue::OwnMotion, 400));
     }
 
     #[test]

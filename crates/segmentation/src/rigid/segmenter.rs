@@ -10,7 +10,7 @@ use rand_pcg::Pcg64Mcg;
 use super::credibility;
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
-use super::large_planes::LargePlanes;
+use super::large_planes::{LargePlanes, NO_PLANE};
 use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
@@ -412,7 +412,8 @@ impl RigidSegmenter {
     }
 
     /// What the cues say together of a component that continues no object. Less is asked where, if configured, more particles have
-    /// gathered than chance would put there, or where a good part surely stands before the static model.
+    /// gathered than chance would put there, or where a good part surely stands before the static model. What
+    /// moves on a large plane that stays where it is is a reflection, or a picture on a screen.
     fn judge(&self, component: &Component) -> NewRegion {
         let count = component.pixels.len();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
@@ -422,11 +423,13 @@ impl RigidSegmenter {
         let supported =
             !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
         let cues = credibility::strengths(&self.field.cues, &component.pixels);
+        let flat = component.pixels.iter().filter(|&&i| self.planes.labels[i as usize] != NO_PLANE).count();
+        let reflection = 2 * flat > count && !credibility::depth_speaks(&cues);
         let pixels = component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect();
         NewRegion {
             pixels,
             cues,
-            believed: credibility::log_odds(&cues) > credibility::limit(supported, self.agreement),
+            believed: credibility::log_odds(&cues) > credibility::limit(supported, self.agreement) && !reflection,
         }
     }
 
