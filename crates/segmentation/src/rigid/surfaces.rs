@@ -32,7 +32,8 @@ pub(crate) struct Relief<'a> {
     pub(crate) depth: &'a [f32],
     /// Equal on one plane, [`NO_PLANE`] on none.
     pub(crate) planes: &'a [u16],
-    pub(crate) continuity: Continuity,
+    /// Which depths of neighbours no step parts.
+    continuity: Continuity,
 }
 
 impl<'a> Relief<'a> {
@@ -68,7 +69,8 @@ pub(crate) struct Surface {
     hides: u32,
     /// Still border pixels at which it is hidden.
     hidden: u32,
-    /// Still border pixels at which it touches another surface: one of both is a large plane.
+    /// Still border pixels at which no depth step parts it from another surface: one of both is a large plane, or depth is missing between
+    /// them.
     touching: u32,
     /// Whether it is part of a large plane.
     pub(crate) on_plane: bool,
