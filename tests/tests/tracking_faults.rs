@@ -127,8 +127,8 @@ fn a_camera_that_stays_lost_starts_a_segment_that_joins_the_rest_where_it_is_rec
     assert!(error < DISTURBED_ATE, "ATE of both segments {error}");
 }
 
-/// A resting camera before which a textured board is carried past, and the mask of the board.
-fn board(run: &Run, step: usize) -> (RgbdFrame, Mask) {
+/// Frame `index` of a resting camera before which a textured board has been carried `steps` frames long, and the mask of the board.
+fn board(run: &Run, index: usize, steps: usize) -> (RgbdFrame, Mask) {
     let [left, top, side, tile_side, speed] = [60, 40, 400, 6, 4];
     const DISTANCE: f32 = 0.8;
     let background = run.frame(0);
@@ -136,7 +136,7 @@ fn board(run: &Run, step: usize) -> (RgbdFrame, Mask) {
     let mut mask = Mask::empty(640, 480);
     for y in 0..side {
         for x in 0..side {
-            let (u, v) = (left + speed * step + x, top + y);
+            let (u, v) = (left + speed * steps + x, top + y);
             // Tiles of any brightness: more corners than the desk has.
             let tile = (x / tile_side * 7919 + y / tile_side * 104_729) as u32;
             rgb[(u, v)] = [(tile.wrapping_mul(2_654_435_761) >> 24) as u8; 3];
@@ -144,7 +144,7 @@ fn board(run: &Run, step: usize) -> (RgbdFrame, Mask) {
             mask.set(u, v, true);
         }
     }
-    let stamp = background.stamp().offset_by(step as f64 / 30.0);
+    let stamp = background.stamp().offset_by(index as f64 / 30.0);
     (RgbdFrame::new(stamp, rgb, DepthImage::from_metres(depth)).unwrap(), mask)
 }
 
@@ -154,7 +154,7 @@ fn drift_before_a_board(first_frames: usize) -> f64 {
     config.mapping.first_frames = first_frames;
     let mut run = Run::with(&config);
     for step in 0..15 {
-        let (frame, mask) = board(&run, step);
+        let (frame, mask) = board(&run, step, step);
         let known = if step < 5 { Mask::empty(640, 480) } else { mask };
         assert_eq!(run.track(&frame, Some(&known)).state, TrackingState::Ok);
     }
@@ -170,6 +170,21 @@ fn the_first_frames_are_put_right_when_masks_know_what_moved_in_them() {
     let (with, without) = (drift_before_a_board(6), drift_before_a_board(0));
     assert!(without > 4.0 * with, "the board pulls the first poses: {without}");
     assert!(with < 0.005, "{with}, {without} without");
+}
+
+#[test]
+fn what_stood_in_the_map_and_sets_off_before_its_mask_comes_leaves_the_map_as_it_is() {
+    const STANDS: usize = 40;
+    const UNMASKED: usize = 4;
+    let mut run = Run::new();
+    for index in 0..STANDS + 20 {
+        let steps = index.saturating_sub(STANDS);
+        let (frame, mask) = board(&run, index, steps);
+        let known = if steps <= UNMASKED { Mask::empty(640, 480) } else { mask };
+        let tracked = run.track(&frame, Some(&known));
+        let off = tracked.T_world_camera.unwrap().translation.vector.norm();
+        assert!(steps <= UNMASKED || off < 0.005, "{off} m, {} frames after the mask", steps - UNMASKED);
+    }
 }
 
 #[test]

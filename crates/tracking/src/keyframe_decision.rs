@@ -20,6 +20,8 @@ pub(crate) struct Situation<'a> {
     pub(crate) matches: &'a [Match],
     /// Whether features on what moves were left out.
     pub(crate) is_masked: bool,
+    /// Whether agreement with the map broke off a short time ago.
+    pub(crate) agreement_broke_off: bool,
 }
 
 /// Time without keyframes after an interruption, seconds: segmentation has to learn anew what moves, and masks nothing until then.
@@ -37,7 +39,7 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
         |stamp: Stamp| Some(situation.stamp.seconds_since(stamp)).filter(|s| *s >= 0.0).unwrap_or(f64::INFINITY);
     let too_soon = newest.is_some_and(|k| since(k.stamp) < config.mapping.min_keyframe_interval);
     let quiet = situation.resumed.is_some_and(|stamp| since(stamp) < QUIET);
-    if too_soon || quiet || without_mask {
+    if too_soon || quiet || without_mask || situation.agreement_broke_off {
         return false;
     }
     let of_reference = reference.observed().filter(|(_, point)| map.established(*point).is_some()).count();
@@ -60,6 +62,10 @@ mod tests {
     /// Whether a frame that shows many unknown points becomes a keyframe so long after the last one, and so long after the camera was
     /// found again, seconds.
     fn due_after(seconds: f64, found_again: Option<f64>, is_masked: bool) -> bool {
+        due(seconds, found_again, is_masked, false)
+    }
+
+    fn due(seconds: f64, found_again: Option<f64>, is_masked: bool, agreement_broke_off: bool) -> bool {
         let measured = Measurement { pixel: Point2::new(30.0, 30.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
         let features = ImageFeatures::from_measurements((64, 64), vec![measured; 300]);
         let mut map = Map::default();
@@ -75,6 +81,7 @@ mod tests {
             features: &features,
             matches: &[],
             is_masked,
+            agreement_broke_off,
         };
         is_due(&map, &TrackingConfig::default(), &situation)
     }
@@ -93,6 +100,11 @@ mod tests {
     #[test]
     fn there_are_none_just_after_an_interruption() {
         assert_eq!([0.0, 0.1, 0.25].map(|ago| due_after(1.0, Some(ago), true)), [false, false, true]);
+    }
+
+    #[test]
+    fn there_are_none_while_agreement_has_just_broken_off() {
+        assert_eq!([true, false].map(|broke_off| due(1.0, None, true, broke_off)), [false, true]);
     }
 
     #[test]

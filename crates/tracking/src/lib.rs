@@ -3,6 +3,7 @@
 //! [`Tracker::track`] takes a frame and the mask of what moves in it (from wherever), and returns the pose. Nothing here knows
 //! how masks are made, or ROS.
 
+mod agreement;
 mod alignment;
 mod background;
 pub mod bundle_adjustment;
@@ -19,6 +20,7 @@ mod mapper;
 mod mask_check;
 pub mod matching;
 mod motion;
+mod motion_filter;
 pub mod places;
 pub mod pose_graph;
 pub mod pose_optimization;

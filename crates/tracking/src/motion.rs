@@ -1,7 +1,9 @@
 //! Constant-velocity prediction, and the continuous odometry frame.
 
-use nalgebra::Vector6;
+use nalgebra::{Matrix6, Vector6};
 use pfd_geometry::{Pose, Stamp, pose};
+
+use crate::motion_filter::{MotionFilter, UncertainPose};
 
 /// A gap longer than this (seconds) says nothing about the velocity.
 const MAX_EXTRAPOLATION: f64 = 0.5;
@@ -16,13 +18,25 @@ pub(crate) struct Motion {
     /// Motion of the camera during `interval` seconds: `T_next_camera · T_camera_world`.
     velocity: Pose,
     interval: f64,
+    filter: MotionFilter,
 }
 
 #[allow(non_snake_case)]
 impl Motion {
-    /// At rest.
+    /// At rest, at a pose that is taken as exact: it says where the world is.
     pub(crate) fn start(stamp: Stamp, T_camera_world: Pose, T_odom_camera: Pose) -> Self {
-        Self { stamp, T_camera_world, T_odom_camera, velocity: Pose::identity(), interval: 0.0 }
+        let filter = MotionFilter::start(&Matrix6::zeros());
+        Self { stamp, T_camera_world, T_odom_camera, velocity: Pose::identity(), interval: 0.0, filter }
+    }
+
+    /// The pose at `stamp` by what was found there and by the motion so far. [`Self::update`] then records it.
+    pub(crate) fn smooth(&mut self, stamp: Stamp, found: &UncertainPose) -> UncertainPose {
+        let elapsed = stamp.seconds_since(self.stamp);
+        if elapsed > MAX_EXTRAPOLATION {
+            self.filter = MotionFilter::start(&found.covariance);
+            return *found;
+        }
+        self.filter.update(&self.T_camera_world, elapsed, found)
     }
 
     /// Whether so much time lies between the last pose and `stamp` that everything may have changed; not where frames always come so
@@ -94,8 +108,9 @@ impl Motion {
     }
 
     /// The camera was found again at `stamp`: a new pose, at rest, without a jump in the odometry.
-    pub(crate) fn restart(&mut self, stamp: Stamp, T_camera_world: Pose) {
-        *self = Self::start(stamp, T_camera_world, self.T_odom_camera);
+    pub(crate) fn restart(&mut self, stamp: Stamp, found: &UncertainPose) {
+        let filter = MotionFilter::start(&found.covariance);
+        *self = Self { filter, ..Self::start(stamp, found.T_camera_world, self.T_odom_camera) };
     }
 
     pub(crate) fn T_camera_world(&self) -> &Pose {

@@ -8,6 +8,7 @@ use pfd_vision::features::FeatureExtractor;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 
+use crate::agreement::Agreement;
 use crate::config::TrackingConfig;
 use crate::first_frames::FirstFrames;
 use crate::image_features::ImageFeatures;
@@ -19,6 +20,7 @@ use crate::map_file::MapFileError;
 use crate::mapper::Mapper;
 use crate::mask_check;
 use crate::motion::Motion;
+use crate::motion_filter::UncertainPose;
 use crate::refinement::Refinement;
 use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
 use crate::rolling_shutter::Shutter;
@@ -52,6 +54,7 @@ struct Active {
     last_points: Vec<MapPointId>,
     /// When the camera was found again or the stream went on after a gap, if it did.
     resumed: Option<Stamp>,
+    agreement: Agreement,
 }
 
 /// A frame on its way through [`Tracker::track`].
@@ -263,6 +266,7 @@ impl Tracker {
     /// Updates state and motion with the outcome. Without a map, or lost for long, a map starts here.
     fn conclude<'a>(&mut self, candidate: Candidate<'a>, localized: Option<Localized>) -> Located<'a> {
         let features = candidate.features.len();
+        let localized = localized.map(|found| self.smooth(candidate.frame.stamp(), found));
         let (inliers, covariance) =
             localized.as_ref().map_or((0, Matrix6::zeros()), |found| (found.matches.len(), found.covariance));
         let (is_keyframe, found) = match localized {
@@ -290,6 +294,14 @@ impl Tracker {
             timing: StageTimes::default(),
         };
         Located { tracked, found }
+    }
+
+    /// Adds to a pose what the frames before say about it; nothing when the camera was lost.
+    fn smooth(&mut self, stamp: Stamp, found: Localized) -> Localized {
+        let by_frame = UncertainPose::found(found.T_camera_world, &found.covariance);
+        let followed = self.active.as_mut().filter(|_| self.state != TrackingState::Lost);
+        let known = followed.map_or(by_frame, |active| active.motion.smooth(stamp, &by_frame));
+        Localized { T_camera_world: known.T_camera_world, covariance: known.covariance, ..found }
     }
 
     /// Starts the map from a frame with enough depth. The first camera is the origin of the world. Unless its mask knew what moves,
@@ -356,7 +368,8 @@ impl Tracker {
             return false;
         }
         let mut motion = active.motion.clone();
-        motion.restart(stamp, *active.motion.T_camera_world());
+        let here = UncertainPose { T_camera_world: *active.motion.T_camera_world(), covariance: Matrix6::zeros() };
+        motion.restart(stamp, &here);
         self.mapper.begin_segment();
         self.start_from(candidate, motion)
     }
@@ -371,7 +384,7 @@ impl Tracker {
         let reference = self.mapper.insert(keyframe, &[]);
         self.mapper.log_pose(stamp, reference, &pose);
         let last_points = self.mapper.points_of(reference);
-        self.active = Some(Active { motion, reference, last_points, resumed: None });
+        self.active = Some(Active { motion, reference, last_points, resumed: None, agreement: Agreement::default() });
         self.state = TrackingState::Ok;
         self.lost_since = None;
         true
@@ -395,10 +408,12 @@ impl Tracker {
             active.resumed = Some(stamp);
         }
         if was_lost {
-            active.motion.restart(stamp, localized.T_camera_world);
+            let Localized { T_camera_world, covariance, .. } = *localized;
+            active.motion.restart(stamp, &UncertainPose { T_camera_world, covariance });
         } else {
             active.motion.update(stamp, localized.T_camera_world);
         }
+        active.agreement.observe(stamp, localized.consensus);
         active.last_points = localized.matches.iter().map(|m| m.point).collect();
         active.reference = reference.unwrap_or(active.reference);
         self.mapper.log_pose(stamp, active.reference, &localized.T_camera_world);
@@ -453,6 +468,7 @@ impl Tracker {
         let situation = keyframe_decision::Situation {
             stamp: candidate.frame.stamp(),
             resumed: active.resumed,
+            agreement_broke_off: active.agreement.broke_off(candidate.frame.stamp()),
             reference: active.reference,
             newest: self.mapper.newest(),
             features: &candidate.features,
@@ -532,7 +548,13 @@ impl Tracker {
         if let Some((reference, keyframe)) = newest {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
             self.refinement = Refinement::new(keyframe.features.shutter().readout);
-            self.active = Some(Active { motion, reference, last_points: Vec::new(), resumed: None });
+            self.active = Some(Active {
+                motion,
+                reference,
+                last_points: Vec::new(),
+                resumed: None,
+                agreement: Agreement::default(),
+            });
             self.state = TrackingState::Lost;
             self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
         }
