@@ -165,7 +165,8 @@ trap 'on_signal HUP 129' HUP
 launch_scripts/install_dependencies.sh
 check_receive_buffer
 build
-rm -rf "$out/masks"
+# What an earlier demo left, perhaps with other nodes, is not mixed in.
+rm -rf "$out/masks" "$out"/{frames,segmentation}.csv "$out/trajectory.txt"
 mkdir -p "$out"
 export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((RANDOM % 90 + 10))} ROS_LOCALHOST_ONLY=1
 start_nodes

@@ -121,7 +121,14 @@ fn given_masks_replace_segmentation() {
 
 #[test]
 fn wrong_usage_is_status_2() {
-    for arguments in [&["frobnicate"][..], &["run"], &["run", "x", "--out", "y", "--mode", "best"], &["eval", "x"]] {
+    for arguments in [
+        &["frobnicate"][..],
+        &["run"],
+        &["run", "x", "--out", "y", "--mode", "best"],
+        &["run", "x", "--out", "y", "--max-frames", "0"],
+        &["run", "x", "--out", "y", "--depth-offset", "nan"],
+        &["eval", "x"],
+    ] {
         assert_eq!(pfd_slam(arguments).status.code(), Some(2), "{arguments:?}");
     }
 }
@@ -172,11 +179,15 @@ fn a_broken_image_is_skipped_and_a_missing_camera_is_named() {
     assert_fails_naming(&pfd_slam(&["run", text(&sequence), "--out", text(&out)]), "the camera is not known");
     std::fs::copy(bundled_sequence().join("calib.yaml"), sequence.join("calib.yaml")).unwrap();
     std::fs::write(sequence.join(&colour[2]), b"broken").unwrap();
+    let whole = std::fs::read(sequence.join(&colour[4])).unwrap();
+    std::fs::write(sequence.join(&colour[4]), &whole[..whole.len() / 2]).unwrap();
     let output = pfd_slam(&["run", text(&sequence), "--out", text(&out)]);
     assert_success(&output);
-    assert!(String::from_utf8_lossy(&output.stderr).contains(&colour[2]));
+    for broken in [&colour[2], &colour[4]] {
+        assert!(String::from_utf8_lossy(&output.stderr).contains(broken), "{broken}");
+    }
     let report = json(&out.join("report.json"));
-    assert_eq!((report["skipped"].as_u64(), report["frames"].as_u64()), (Some(1), Some(5)));
+    assert_eq!((report["skipped"].as_u64(), report["frames"].as_u64()), (Some(2), Some(4)));
     assert_eq!(report["ate"], Value::Null, "there is no ground truth");
 }
 
@@ -184,16 +195,21 @@ fn a_broken_image_is_skipped_and_a_missing_camera_is_named() {
 fn bench_makes_tables_and_goes_on_where_it_stopped() {
     let out = tempfile::tempdir().unwrap();
     let sequence = bundled_sequence();
-    let bench = || {
+    let bench = |more: &[&str]| {
         let modes = ["--modes", "none,given", "--runs", "2", "--max-frames", "4"];
-        pfd_slam(&[&["bench", text(&sequence), "--out", text(out.path())][..], &modes].concat())
+        pfd_slam(&[&["bench", text(&sequence), "--out", text(out.path())][..], &modes, more].concat())
     };
-    assert_success(&bench());
+    assert_success(&bench(&[]));
     let run = out.path().join("runs/composite-demo/none/1/report.json");
     let written = || run.metadata().unwrap().modified().unwrap();
     let before = written();
-    assert_success(&bench());
+    assert_success(&bench(&[]));
     assert_eq!(written(), before, "a finished run was run again");
+    assert_success(&bench(&["--one-to-one"]));
+    assert_ne!(written(), before, "a run that read the sequence in another way was taken for this one");
+    let nowhere = out.path().join("nowhere.md");
+    std::fs::write(&nowhere, "no place").unwrap();
+    assert_fails_naming(&bench(&["--into", text(&nowhere)]), "nowhere.md");
     let table = std::fs::read_to_string(out.path().join("bench.md")).unwrap();
     assert!(table.contains("| sequence | none | given |") && table.contains("| composite-demo |"), "{table}");
     assert!(table.contains("ORB-SLAM3"), "known sequences stand beside known figures");
@@ -205,13 +221,17 @@ fn bench_makes_tables_and_goes_on_where_it_stopped() {
 #[test]
 fn config_prints_what_it_reads() {
     let folder = tempfile::tempdir().unwrap();
-    let printed = pfd_slam(&["config", "--set", "seed=5"]);
-    assert_success(&printed);
     let file = folder.path().join("printed.yaml");
-    std::fs::write(&file, &printed.stdout).unwrap();
-    let again = pfd_slam(&["config", "--config", text(&file)]);
-    assert_success(&again);
-    assert_eq!(String::from_utf8(again.stdout).unwrap(), String::from_utf8(printed.stdout).unwrap());
+    for nodes in [&[][..], &["--nodes"]] {
+        let printed = pfd_slam(&[&["config", "--set", "seed=5"][..], nodes].concat());
+        assert_success(&printed);
+        std::fs::write(&file, &printed.stdout).unwrap();
+        let again = pfd_slam(&[&["config", "--config", text(&file)][..], nodes].concat());
+        assert_success(&again);
+        let printed = String::from_utf8(printed.stdout).unwrap();
+        assert_eq!(String::from_utf8(again.stdout).unwrap(), printed);
+        assert_eq!(printed.contains("acknowledge_topic"), !nodes.is_empty());
+    }
 }
 
 #[test]

@@ -37,7 +37,7 @@ pub(crate) enum Command {
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct SequenceArguments {
     /// Seconds added to the depth stamps before they are compared with the colour stamps
-    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "SECONDS")]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true, value_name = "SECONDS", value_parser = seconds)]
     pub(crate) depth_offset: f64,
     /// Pair colour and depth as associate.py does: each image at most once, some colour images dropped
     #[arg(long)]
@@ -77,7 +77,7 @@ pub(crate) struct RunArguments {
     #[arg(long)]
     pub(crate) seed: Option<u64>,
     /// Stop after this many frames
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
     pub(crate) max_frames: Option<usize>,
     /// Use the masks of this folder instead of segmentation (files named like the colour images; not 0 = moving)
     #[arg(long, value_name = "DIR")]
@@ -109,7 +109,7 @@ pub(crate) struct BenchArguments {
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=64))]
     pub(crate) jobs: u64,
     /// Stop each run after this many frames
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = at_least_one)]
     pub(crate) max_frames: Option<usize>,
     /// Put a summary into this file, between the lines `<!-- bench -->` and `<!-- /bench -->`
     #[arg(long, value_name = "FILE")]
@@ -195,6 +195,9 @@ pub(crate) struct EvalMasksArguments {
 pub(crate) struct ConfigArguments {
     #[command(flatten)]
     pub(crate) config: ConfigSource,
+    /// Print the parameters of the nodes as well (topics, frames, files, replay)
+    #[arg(long)]
+    pub(crate) nodes: bool,
 }
 
 /// Arguments of `report`.
@@ -209,6 +212,14 @@ pub(crate) struct ReportArguments {
     pub(crate) config: ConfigSource,
     #[command(flatten)]
     pub(crate) reading: SequenceArguments,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|s: &f64| s.is_finite()).ok_or_else(|| "seconds are needed, such as -0.02".to_owned())
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "a whole number from 1 on is needed".to_owned())
 }
 
 fn name_and_value(text: &str) -> Result<(String, String), String> {

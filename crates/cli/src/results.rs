@@ -29,8 +29,8 @@ pub(crate) fn summarise(job: &Job<'_>, outcome: &Outcome) -> anyhow::Result<(Sum
         rpe_rotation_deg: errors.rpe.as_ref().map(|r| r.rotation_deg),
         timing_ms: Timing::of(&outcome.rows),
         stages_ms: outcome.stages.iter().map(stage).collect(),
-        keyframes: outcome.keyframes.len(),
-        map_points: outcome.map_points,
+        keyframes: Some(outcome.keyframes.len()),
+        map_points: Some(outcome.map_points),
         mode: if job.given_masks.is_some() { "given masks".to_owned() } else { job.config.mode.to_string() },
         seed: job.config.seed,
         config: serde_json::to_value(job.config)?,
@@ -81,7 +81,7 @@ fn text(s: &Summary) -> String {
         text += &statistics.map(|s| output::statistics_row(name, &s)).unwrap_or_default();
     }
     if s.ate.is_none() {
-        text += "no ground truth: no errors to state\n";
+        text += "no errors to state: no ground truth, or too few poses beside it\n";
     }
     for (name, p) in
         [("segmentation", s.timing_ms.segmentation), ("tracking", s.timing_ms.tracking), ("total", s.timing_ms.total)]

@@ -1,9 +1,11 @@
 //! Colour and depth image files.
 
-use std::io::BufReader;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Seek};
 use std::path::Path;
 
 use image::{DynamicImage, ImageReader, Limits};
+use pfd_geometry::encoded::is_complete;
 use pfd_geometry::{Camera, GrayImage, Image, RgbImage};
 
 use crate::DatasetError;
@@ -55,12 +57,21 @@ pub fn size(path: &Path) -> Result<(usize, usize), DatasetError> {
 }
 
 fn decode(path: &Path) -> Result<DynamicImage, DatasetError> {
-    reader(path)?.decode().map_err(|e| unreadable(path, &e))
+    let failed = |reason: String| DatasetError::Image { path: path.to_owned(), reason };
+    let data = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
+    if !is_complete(&data) {
+        return Err(failed("a JPEG that was cut short: its end-of-image marker is missing".to_owned()));
+    }
+    limited(Cursor::new(data)).map_err(|e| failed(e.to_string()))?.decode().map_err(|e| unreadable(path, &e))
 }
 
-fn reader(path: &Path) -> Result<ImageReader<BufReader<std::fs::File>>, DatasetError> {
+fn reader(path: &Path) -> Result<ImageReader<BufReader<File>>, DatasetError> {
     let unreadable = |e: std::io::Error| DatasetError::Image { path: path.to_owned(), reason: e.to_string() };
-    let mut reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(unreadable)?;
+    File::open(path).and_then(|file| limited(BufReader::new(file))).map_err(unreadable)
+}
+
+fn limited<R: BufRead + Seek>(source: R) -> std::io::Result<ImageReader<R>> {
+    let mut reader = ImageReader::new(source).with_guessed_format()?;
     // A file may claim any size: refuse it before memory is allocated.
     let mut limits = Limits::default();
     limits.max_image_width = Some(Camera::MAX_SIDE as u32);

@@ -9,6 +9,7 @@
 pub mod alignment;
 pub mod association;
 pub mod camera;
+pub mod encoded;
 pub mod frame;
 pub mod image;
 pub mod pose;

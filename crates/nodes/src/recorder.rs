@@ -53,6 +53,8 @@ impl FrameRecord {
 pub struct Recorder {
     frames: Option<(PathBuf, BufWriter<File>)>,
     masks: Option<PathBuf>,
+    /// The first thing that could not be written.
+    failed: Option<anyhow::Error>,
 }
 
 impl Recorder {
@@ -70,23 +72,28 @@ impl Recorder {
         if let Some(folder) = &masks {
             std::fs::create_dir_all(folder).with_context(|| format!("mask_directory {}", folder.display()))?;
         }
-        Ok(Self { frames: frames.transpose()?, masks })
+        Ok(Self { frames: frames.transpose()?, masks, failed: None })
     }
 
-    /// Adds a frame.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn add(&mut self, record: &FrameRecord) -> anyhow::Result<()> {
+    /// Adds a frame and its mask. What cannot be written is said once and again by [`Self::finish`]: it must not stop the node.
+    pub fn record(&mut self, record: &FrameRecord, mask: Option<&Mask>) {
+        let mask_written = mask.map_or(Ok(()), |mask| self.add_mask(record.stamp, mask));
+        let row_written = self.add(record);
+        for error in [mask_written, row_written].into_iter().filter_map(Result::err) {
+            if self.failed.is_none() {
+                tracing::error!("{error:#}: what is recorded will be incomplete");
+            }
+            self.failed.get_or_insert(error);
+        }
+    }
+
+    fn add(&mut self, record: &FrameRecord) -> anyhow::Result<()> {
         let Some((path, file)) = &mut self.frames else { return Ok(()) };
         writeln!(file, "{}", record.line()).with_context(|| format!("frames_file {}", path.display()))
     }
 
     /// Saves a mask as `<stamp>.png`.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn add_mask(&self, stamp: Stamp, mask: &Mask) -> anyhow::Result<()> {
+    fn add_mask(&self, stamp: Stamp, mask: &Mask) -> anyhow::Result<()> {
         let Some(folder) = &self.masks else { return Ok(()) };
         let path = folder.join(format!("{stamp}.png"));
         let (width, height) = mask.image().size();
@@ -98,10 +105,12 @@ impl Recorder {
     /// Writes what is still in memory.
     ///
     /// # Errors
-    /// When the file cannot be written.
+    /// When something cannot be written now, or could not be before.
     pub fn finish(&mut self) -> anyhow::Result<()> {
-        let Some((path, file)) = &mut self.frames else { return Ok(()) };
-        file.flush().with_context(|| format!("frames_file {}", path.display()))
+        if let Some((path, file)) = &mut self.frames {
+            file.flush().with_context(|| format!("frames_file {}", path.display()))?;
+        }
+        self.failed.take().map_or(Ok(()), Err)
     }
 }
 
@@ -122,7 +131,8 @@ fn create(path: &Path) -> anyhow::Result<File> {
     File::create(path).with_context(|| path.display().to_string())
 }
 
-fn named(path: &str) -> Option<PathBuf> {
+/// The path, unless it is empty.
+pub fn named(path: &str) -> Option<PathBuf> {
     (!path.is_empty()).then(|| path.into())
 }
 
@@ -137,8 +147,7 @@ mod tests {
         let mut recorder = Recorder::new(frames.to_str().unwrap(), masks.to_str().unwrap()).unwrap();
         let stamp = Stamp::from_nanos(1_500_000_000);
         let record = FrameRecord { stamp, state: "OK".into(), tracking_ms: 2.0, inliers: 7, ..FrameRecord::default() };
-        recorder.add(&record).unwrap();
-        recorder.add_mask(stamp, &Mask::empty(3, 2)).unwrap();
+        recorder.record(&record, Some(&Mask::empty(3, 2)));
         recorder.finish().unwrap();
         let text = std::fs::read_to_string(&frames).unwrap();
         assert_eq!(text, format!("{HEADER}\n1.500000,OK,0.000,2.000,2.000,0,7,0.000000,0\n"));
@@ -148,8 +157,21 @@ mod tests {
     #[test]
     fn nothing_is_written_unless_asked_for() {
         let mut recorder = Recorder::new("", "").unwrap();
-        recorder.add(&FrameRecord::default()).unwrap();
-        recorder.add_mask(Stamp::default(), &Mask::empty(1, 1)).unwrap();
+        recorder.record(&FrameRecord::default(), Some(&Mask::empty(1, 1)));
+        recorder.finish().unwrap();
         assert!(Recorder::new("/proc/none/frames.csv", "").is_err());
+    }
+
+    #[test]
+    fn a_mask_that_cannot_be_written_costs_no_row_and_is_said_in_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let (frames, masks) = (folder.path().join("frames.csv"), folder.path().join("masks"));
+        let mut recorder = Recorder::new(frames.to_str().unwrap(), masks.to_str().unwrap()).unwrap();
+        std::fs::remove_dir(&masks).unwrap();
+        recorder.record(&FrameRecord::default(), Some(&Mask::empty(1, 1)));
+        recorder.record(&FrameRecord::default(), None);
+        let error = recorder.finish().unwrap_err();
+        assert!(format!("{error:#}").contains("mask_directory"), "{error:#}");
+        assert_eq!(std::fs::read_to_string(&frames).unwrap().lines().count(), 3);
     }
 }

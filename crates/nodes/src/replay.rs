@@ -1,6 +1,7 @@
 //! `bag_replay_node`: a recorded sequence as if it were a camera.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -8,7 +9,7 @@ use anyhow::{Context, bail};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use pfd_dataset::{Options, Sequence};
 use pfd_geometry::{Camera, Stamp};
-use pfd_parameters::ReplayConfig;
+use pfd_parameters::{Acknowledgement, ReplayConfig};
 use pfd_ros::messages::pfd::TrackingState;
 use pfd_ros::messages::sensor::Image;
 use pfd_ros::{Arguments, Names, Node, Qos, Setup};
@@ -24,6 +25,8 @@ const READ_AHEAD: usize = 8;
 const SETTLE: Duration = Duration::from_secs(1);
 /// Time between two looks at the network while waiting.
 const LOOK: Duration = Duration::from_millis(50);
+/// A time that nobody waits for.
+const NEVER: Duration = Duration::from_secs(u32::MAX as u64);
 /// How often a frame is sent that nobody says to have worked on.
 const MAX_ATTEMPTS: u32 = 2;
 /// Frames in a row without an answer after which the nodes are taken to be gone.
@@ -47,25 +50,29 @@ pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
     let settings = Settings::read(args, &names)?;
     let config = settings.replay.clone();
     let (sequence, camera) = open(&settings)?;
+    let range = range(&config, &sequence)?;
+    let sequence = Arc::new(sequence);
     let setup = Setup::new(args, names, &config.network, false)?;
     let (output, finished) = (Arc::new(Outlet::default()), Arc::new(Notify::new()));
     let (acknowledge, acknowledged) = bounded::<Done>(1024);
     let (stop, stopped) = bounded::<()>(0);
     let player = Player { config: config.clone(), camera, output: output.clone(), acknowledged, stopped };
     let thread = {
-        let finished = finished.clone();
+        let (finished, sequence) = (finished.clone(), sequence.clone());
         let play = move || {
-            let result = player.play(&Arc::new(sequence));
+            let result = player.play(&sequence, &range);
             finished.notify_one();
             result
         };
         std::thread::Builder::new().name("replay".into()).spawn(play)?
     };
-    let parameters = replay_server(&config);
+    let parameters = replay_server(&settings);
     let result = pfd_ros::run(&setup, &finished, |node: &mut Node| {
         parameters.attach(node)?;
         attach_acknowledgements(node, &acknowledge)?;
-        output.set(ReplayOutput::new(node, &config)?);
+        let publishers = ReplayOutput::new(node, &config)?;
+        publishers.publish_fixed(sequence.ground_truth());
+        output.set(publishers);
         Ok::<(), pfd_ros::RosError>(())
     });
     drop(stop);
@@ -86,6 +93,26 @@ fn open(settings: &Settings) -> anyhow::Result<(Sequence, Camera)> {
         format!("{}: the camera is not known: set parameter `camera` or add calib.yaml", config.sequence)
     })?;
     Ok((sequence, camera))
+}
+
+/// Indices of the frames to play.
+fn range(config: &ReplayConfig, sequence: &Sequence) -> anyhow::Result<Range<usize>> {
+    let pairs = sequence.pairs();
+    let [first, last] = [pairs.first(), pairs.last()].map(|p| p.map_or(Stamp::default(), |p| p.rgb_stamp));
+    let start = first.offset_by(config.start);
+    let end = start.offset_by(if config.duration > 0.0 { config.duration } else { f64::from(u32::MAX) });
+    let range = pairs.partition_point(|p| p.rgb_stamp < start)..pairs.partition_point(|p| p.rgb_stamp < end);
+    if range.is_empty() {
+        bail!(
+            "parameters `start` ({} s) and `duration` ({} s; 0 is to the end) leave no frame of {}, which has {} in {:.3} s",
+            config.start,
+            config.duration,
+            config.sequence,
+            pairs.len(),
+            last.seconds_since(first)
+        );
+    }
+    Ok(range)
 }
 
 /// Listens for who has worked on what.
@@ -116,16 +143,16 @@ struct Player {
 struct Stopped;
 
 impl Player {
-    fn play(&self, sequence: &Arc<Sequence>) -> anyhow::Result<()> {
+    fn play(&self, sequence: &Arc<Sequence>, range: &Range<usize>) -> anyhow::Result<()> {
         let Ok(()) = self.wait_for_subscribers()? else { return Ok(()) };
-        let range = self.range(sequence);
         tracing::info!("{}: {} frames", sequence.name(), range.len());
-        if let Some(output) = self.output.get() {
-            output.publish_fixed(sequence.ground_truth());
-        }
         let mut counts = Counts::default();
         loop {
+            let before = counts.sent;
             let Ok(()) = self.play_once(sequence, range.clone(), &mut counts)? else { break };
+            if counts.sent == before {
+                bail!("{}: none of {} frames can be read", self.config.sequence, range.len());
+            }
             if !self.config.repeat {
                 break;
             }
@@ -136,19 +163,10 @@ impl Player {
         Ok(())
     }
 
-    /// Indices of the frames to play.
-    fn range(&self, sequence: &Sequence) -> std::ops::Range<usize> {
-        let Some(first) = sequence.pairs().first().map(|p| p.rgb_stamp) else { return 0..0 };
-        let start = first.offset_by(self.config.start);
-        let end = start.offset_by(if self.config.duration > 0.0 { self.config.duration } else { f64::from(u32::MAX) });
-        let pairs = sequence.pairs();
-        pairs.partition_point(|p| p.rgb_stamp < start)..pairs.partition_point(|p| p.rgb_stamp < end)
-    }
-
     fn play_once(
         &self,
         sequence: &Arc<Sequence>,
-        range: std::ops::Range<usize>,
+        range: Range<usize>,
         counts: &mut Counts,
     ) -> anyhow::Result<Result<(), Stopped>> {
         let shots = self.read_ahead(sequence.clone(), range)?;
@@ -159,6 +177,9 @@ impl Player {
                 Err(error) => {
                     tracing::warn!("skipped: {error:#}");
                     counts.broken += 1;
+                    if self.wait_until(Instant::now()).is_err() {
+                        return Ok(Err(Stopped));
+                    }
                     continue;
                 }
             };
@@ -179,7 +200,7 @@ impl Player {
     fn read_ahead(
         &self,
         sequence: Arc<Sequence>,
-        range: std::ops::Range<usize>,
+        range: Range<usize>,
     ) -> anyhow::Result<Receiver<anyhow::Result<Shot>>> {
         let (send, receive) = bounded(READ_AHEAD);
         let (config, camera) = (self.config.clone(), self.camera);
@@ -307,16 +328,20 @@ impl Player {
     /// Whose word counts: tracking's, which comes last, where there is a tracker.
     fn source(&self) -> Source {
         let is_tracked = || self.output.get().is_some_and(|o| o.graph.publishers(&o.state_topic) > 0);
-        match self.config.acknowledge_topic.as_str() {
-            "dynamic_mask" => Source::Segmentation,
-            "tracking_state" => Source::Tracking,
-            _ if is_tracked() => Source::Tracking,
-            _ => Source::Segmentation,
+        match self.config.acknowledge_topic {
+            Acknowledgement::TrackingState => Source::Tracking,
+            Acknowledgement::Auto if is_tracked() => Source::Tracking,
+            Acknowledgement::DynamicMask | Acknowledgement::Auto => Source::Segmentation,
         }
     }
 
-    /// Waits until enough nodes have subscribed and the network has settled.
+    /// Waits until this node is on the network, enough others have subscribed, and the network has settled.
     fn wait_for_subscribers(&self) -> anyhow::Result<Result<(), Stopped>> {
+        while self.output.get().is_none() {
+            if self.wait_until(Instant::now() + LOOK).is_err() {
+                return Ok(Err(Stopped));
+            }
+        }
         let lossless = self.config.rate <= 0.0;
         let wanted = (self.config.wait_for_subscribers as usize).max(usize::from(lossless));
         if wanted == 0 {
@@ -368,7 +393,9 @@ impl Pace {
     /// When the frame with `stamp` is due, with the first one due at once.
     fn due(&mut self, stamp: Stamp, rate: f64) -> Instant {
         let (start, first) = *self.origin.get_or_insert_with(|| (Instant::now(), stamp));
-        start + Duration::from_secs_f64((stamp.seconds_since(first) / rate).max(0.0))
+        // A rate next to nothing makes it later than a clock can say.
+        let after = Duration::try_from_secs_f64((stamp.seconds_since(first) / rate).max(0.0)).unwrap_or(NEVER);
+        start + after.min(NEVER)
     }
 
     /// What is still to come keeps its distances.

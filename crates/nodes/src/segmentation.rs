@@ -106,14 +106,15 @@ impl Processor for SegmentationProcessor {
 
     fn process(&mut self, raw: RawFrame) -> anyhow::Result<()> {
         let segmentation = self.stage.segment(&Frame::decode(&raw)?)?;
-        self.recorder.add_mask(segmentation.stamp, &segmentation.mask)?;
-        self.recorder.add(&FrameRecord {
+        let record = FrameRecord {
             stamp: segmentation.stamp,
             segmentation_ms: segmentation.timing.total(),
             mask_fraction: segmentation.mask.fraction(),
             objects: segmentation.regions.len(),
             ..FrameRecord::default()
-        })
+        };
+        self.recorder.record(&record, Some(&segmentation.mask));
+        Ok(())
     }
 
     fn finish(&mut self) -> anyhow::Result<()> {

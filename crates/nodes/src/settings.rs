@@ -118,7 +118,7 @@ impl LiveSettings {
         let set = values.iter().filter(|(_, value)| !value.is_null());
         let overrides: Vec<(String, Value)> = set.map(|(name, value)| (name.clone(), value.clone())).collect();
         let name = NodeName::new("/", "node").map_err(|e| e.to_string())?;
-        let new = Settings::from_tree(&[], &name, &overrides).map_err(|e| e.to_string())?;
+        let new = Settings::from_tree(&[], &name, &overrides).map_err(|e| format!("{:#}", anyhow::Error::from(e)))?;
         new.slam.segmentation.check().map_err(|e| e.to_string())?;
         clock.set_simulated(new.node.use_sim_time);
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
@@ -128,10 +128,13 @@ impl LiveSettings {
 }
 
 /// The parameter services of the replay node, all of whose parameters are fixed at its start.
-pub fn replay_server(config: &ReplayConfig) -> ParameterServer {
+pub fn replay_server(settings: &Settings) -> ParameterServer {
+    let is_shared = |name: &str| name == "use_sim_time" || name.starts_with("camera");
+    let shared = [describe::<SlamConfig>(), describe::<NodeConfig>()].into_iter().flatten();
+    let shared_values = [values(&settings.slam), values(&settings.node)].into_iter().flatten();
     ParameterServer::new(ParameterServerOptions {
-        descriptions: describe::<ReplayConfig>(),
-        values: values(config),
+        descriptions: shared.filter(|d| is_shared(&d.name)).chain(describe::<ReplayConfig>()).collect(),
+        values: shared_values.filter(|(name, _)| is_shared(name)).chain(values(&settings.replay)).collect(),
         changeable: |_| false,
         apply: Box::new(|_| Ok(())),
     })

@@ -2,10 +2,12 @@
 //!
 //! The two differ in where the mask comes from: another node, or the segmentation in the same process.
 
-use std::path::Path;
+use std::fs::File;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use anyhow::Context;
 use crossbeam_channel::bounded;
 use pfd_ros::convert::pose::pose_from_transform;
 use pfd_ros::messages::geometry::TfMessage;
@@ -19,7 +21,7 @@ use crate::first_stage::FirstStage;
 use crate::mask_input::MaskInput;
 use crate::node_diagnostics;
 use crate::outlet::Outlet;
-use crate::recorder::save_trajectory;
+use crate::recorder::{named, save_trajectory};
 use crate::segmentation::MaskOutput;
 use crate::segmentation_stage::SegmentationStage;
 use crate::settings::{is_changeable_in_slam, is_changeable_in_tracking};
@@ -67,12 +69,29 @@ pub struct Shared {
     pub paused: AtomicBool,
     /// How often everything was to be forgotten.
     pub resets: AtomicU64,
+    /// A map to be loaded once the camera is known.
+    wanted_map: Mutex<Option<PathBuf>>,
 }
 
 impl Shared {
     /// The tracker. A panic in it ends the worker, and with it the node; there is nothing to protect.
     pub fn tracker(&self) -> MutexGuard<'_, Option<Tracker>> {
         self.tracker.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The map to load into a new tracker, once.
+    pub fn take_wanted_map(&self) -> Option<PathBuf> {
+        self.wanted_map.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Loads a map now, or with the first frame if there was none yet.
+    fn load_map(&self, path: &Path) -> anyhow::Result<()> {
+        if let Some(tracker) = self.tracker().as_mut() {
+            return Ok(tracker.load_map(path)?);
+        }
+        File::open(path).with_context(|| path.display().to_string())?;
+        *self.wanted_map.lock().unwrap_or_else(PoisonError::into_inner) = Some(path.to_owned());
+        Ok(())
     }
 
     fn reset(&self) -> &'static str {
@@ -104,6 +123,10 @@ pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
     let start = Startup::new(args, names, kind.is_changeable(), kind.waiting())?;
     let (shared, outlets) = (Arc::new(Shared::default()), Outlets::default());
     let masks = Arc::new(MaskInput::new(start.config.queue));
+    if let Some(path) = named(&start.config.trajectory_file) {
+        // Whether it can be written is said now and not in the end.
+        save_trajectory(&path, &[]).context("trajectory_file")?;
+    }
     let (workers, works) = start_workers(kind, &start, &shared, &masks, &outlets)?;
     let input = &start.input;
     let result = pfd_ros::run(&start.setup, &start.ended, |node: &mut Node| {
@@ -124,8 +147,8 @@ pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
     outlets.tracks.clear();
     outlets.masks.clear();
     finished?;
-    if !start.config.trajectory_file.is_empty() {
-        save(&shared, &start.config.trajectory_file)?;
+    if let (Some(path), Some(tracker)) = (named(&start.config.trajectory_file), shared.tracker().as_ref()) {
+        save_trajectory(&path, &tracker.trajectory()).context("trajectory_file")?;
     }
     Ok(result?)
 }
@@ -198,9 +221,7 @@ fn attach_services(node: &mut Node, shared: &Arc<Shared>) -> Result<(), RosError
         answer(&r, |path| with_tracker(&s, |tracker| Ok(tracker.save_map(Path::new(path))?)))
     })?;
     let s = shared.clone();
-    node.serve::<FilePath>("~/load_map", move |r| {
-        answer(&r, |path| with_tracker(&s, |tracker| Ok(tracker.load_map(Path::new(path))?)))
-    })
+    node.serve::<FilePath>("~/load_map", move |r| answer(&r, |path| s.load_map(Path::new(path))))
 }
 
 fn done(message: &str) -> TriggerResponse {
@@ -223,4 +244,19 @@ fn with_tracker(shared: &Shared, action: impl FnOnce(&mut Tracker) -> anyhow::Re
 
 fn save(shared: &Shared, path: &str) -> anyhow::Result<()> {
     with_tracker(shared, |tracker| save_trajectory(Path::new(path), &tracker.trajectory()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_map_waits_for_the_camera_and_must_be_there() {
+        let shared = Shared::default();
+        assert!(shared.load_map(Path::new("/none.map")).unwrap_err().to_string().contains("/none.map"));
+        let file = tempfile::NamedTempFile::new().unwrap();
+        shared.load_map(file.path()).unwrap();
+        assert_eq!(shared.take_wanted_map().as_deref(), Some(file.path()));
+        assert_eq!(shared.take_wanted_map(), None, "once");
+    }
 }

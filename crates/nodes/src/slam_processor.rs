@@ -138,6 +138,10 @@ impl SlamProcessor {
                 tracing::warn!("the camera's size or calibration changed: starting a new map");
             }
             let mut new = Tracker::new(frame.camera, &slam.tracking, slam.seed)?;
+            if let Some(path) = self.parts.shared.take_wanted_map() {
+                new.load_map(&path).with_context(|| format!("~/load_map {}", path.display()))?;
+                tracing::info!("map {} loaded", path.display());
+            }
             // A live camera does not wait; a recording is to give the same in every run.
             new.set_waiting(queue == Queue::All);
             *tracker = Some(new);
@@ -183,7 +187,8 @@ impl SlamProcessor {
         let mask = received.as_ref().or(outcome.segmented.as_ref().map(|s| &s.segmentation.mask));
         self.publish(frame, &outcome, mask, &settings.node);
         self.report(&outcome, mask);
-        self.record(&outcome, mask)
+        self.record(&outcome, mask);
+        Ok(())
     }
 
     /// The mask from the other node. A live camera's frame that segmentation passed over is passed over here as well: so both work
@@ -238,12 +243,9 @@ impl SlamProcessor {
         }
     }
 
-    fn record(&mut self, outcome: &Outcome, mask: Option<&Mask>) -> anyhow::Result<()> {
+    fn record(&mut self, outcome: &Outcome, mask: Option<&Mask>) {
         let t = &outcome.tracked;
-        if let Some(mask) = mask {
-            self.recorder.add_mask(t.stamp, mask)?;
-        }
-        self.recorder.add(&FrameRecord {
+        let record = FrameRecord {
             stamp: t.stamp,
             state: t.state.to_string(),
             segmentation_ms: outcome.segmentation_ms(),
@@ -252,7 +254,8 @@ impl SlamProcessor {
             inliers: t.inliers,
             mask_fraction: mask.map_or(0.0, Mask::fraction),
             objects: outcome.segmented.as_ref().map_or(0, |s| s.segmentation.regions.len()),
-        })
+        };
+        self.recorder.record(&record, mask);
     }
 
     fn report(&self, outcome: &Outcome, mask: Option<&Mask>) {

@@ -5,12 +5,11 @@
 //! that its image is upright. REP-105: `map → odom` takes up the corrections, `odom → base` is continuous.
 #![allow(non_snake_case)]
 
-use nalgebra::Vector6;
 use pfd_geometry::{Camera, Mask, Pose, Stamp};
 use pfd_parameters::NodeConfig;
 use pfd_ros::convert::map::{cloud, keyframe_markers};
 use pfd_ros::convert::pose::{
-    align_covariance, covariance_to_message, move_covariance, pose_to_message, pose_to_transform, twist_between, vector,
+    align_covariance, covariance_to_message, move_covariance, move_twist, pose_to_message, pose_to_transform, vector,
 };
 use pfd_ros::messages::geometry::{
     PoseStamped, PoseWithCovariance, TfMessage, TransformStamped, Twist, TwistWithCovariance,
@@ -38,7 +37,7 @@ pub struct FrameNames {
     /// Fixed with the first pose.
     T_map_world: Option<Pose>,
     /// The last pose of the base in the odometry frame.
-    last: Option<(Stamp, Pose)>,
+    last: Option<Pose>,
     /// The last correction, which holds while the pose is not known.
     T_map_odom: Pose,
 }
@@ -100,9 +99,9 @@ impl TrackingOutput {
             self.pose.publish(PoseStamped { header, pose: pose_to_message(&T_map_camera) });
             let T_odom_base = T_odom_camera * names.T_base_camera.inverse();
             self.odometry.publish(odometry(names, tracked, &T_odom_base, config));
-            names.last = Some((tracked.stamp, T_odom_base));
+            names.last = Some(T_odom_base);
         }
-        if let (true, Some((_, T_odom_base))) = (config.publish_tf, names.last) {
+        if let (true, Some(T_odom_base)) = (config.publish_tf, names.last) {
             self.tf.publish(transforms(names, tracked.stamp, &T_odom_base, config));
         }
     }
@@ -170,11 +169,8 @@ fn state_code(state: TrackingState) -> u8 {
 
 fn odometry(names: &FrameNames, tracked: &TrackedFrame, T_odom_base: &Pose, config: &NodeConfig) -> Odometry {
     let of_base = move_covariance(&tracked.covariance, &names.T_base_camera);
-    let seconds = names.last.map_or(0.0, |(stamp, _)| tracked.stamp.seconds_since(stamp));
-    let twist =
-        names.last.and_then(|(_, last)| twist_between(&last, T_odom_base, seconds)).unwrap_or_else(Vector6::zeros);
-    // The difference of two poses with independent errors, over the time between them.
-    let twist_covariance = if seconds > 0.0 { of_base * (2.0 / (seconds * seconds)) } else { of_base };
+    let twist = move_twist(&tracked.twist, &names.T_base_camera);
+    let twist_covariance = move_covariance(&tracked.twist_covariance, &names.T_base_camera);
     let (linear, angular) = (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned());
     Odometry {
         header: Header::new(tracked.stamp, &config.odom_frame),
@@ -207,6 +203,7 @@ fn transforms(names: &FrameNames, stamp: Stamp, T_odom_base: &Pose, config: &Nod
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector6;
 
     #[test]
     fn the_base_is_the_named_frame_or_the_root_or_the_camera() {
@@ -227,18 +224,15 @@ mod tests {
 
     #[test]
     fn odometry_is_about_the_base() {
-        let names = FrameNames {
-            base: "base_link".into(),
-            T_base_camera: upright_map(),
-            last: Some((Stamp::default(), Pose::identity())),
-            ..FrameNames::default()
-        };
+        let names = FrameNames { base: "base_link".into(), T_base_camera: upright_map(), ..FrameNames::default() };
         let tracked = TrackedFrame {
             stamp: Stamp::from_nanos(500_000_000),
             state: TrackingState::Ok,
             T_world_camera: None,
             T_odom_camera: None,
             covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
+            twist: Vector6::new(0.0, 0.0, 2.0, 0.0, 0.0, 0.0),
+            twist_covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(4.0, 5.0, 6.0, 0.1, 0.2, 0.3)),
             features: 0,
             inliers: 0,
             keyframes: 0,
@@ -247,8 +241,9 @@ mod tests {
             timing: pfd_geometry::StageTimes::default(),
         };
         let message = odometry(&names, &tracked, &Pose::translation(1.0, 0.0, 0.0), &NodeConfig::default());
-        assert!((message.twist.twist.linear.x - 2.0).abs() < 1e-9, "1 m in 0.5 s");
         // Forward is the camera's z.
+        assert!((message.twist.twist.linear.x - 2.0).abs() < 1e-9);
+        assert!((message.twist.covariance[0][0] - 6.0).abs() < 1e-9);
         assert!((message.pose.covariance[0][0] - 3.0).abs() < 1e-9);
         assert_eq!((message.header.frame_id.as_str(), message.child_frame_id.as_str()), ("odom", "base_link"));
     }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum ParameterError {
     /// The file is missing or unreadable.
-    #[error("cannot read parameter file {}: {source}", path.display())]
+    #[error("cannot read parameter file {}", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -21,7 +21,7 @@ pub use serde_json::Value;
 pub use describe::{ParameterDescription, ParameterKind, describe, values};
 pub use error::ParameterError;
 pub use name::NodeName;
-pub use node_config::{DepthEncoding, NodeConfig, Queue, Reliability, ReplayConfig};
+pub use node_config::{Acknowledgement, DepthEncoding, NodeConfig, Queue, Reliability, ReplayConfig};
 pub use tree::ParameterTree;
 pub use yaml::{parse_value, to_yaml_with_comments};
 

@@ -78,7 +78,8 @@ pub struct NodeConfig {
     pub map_frame: String,
     /// Frame of the odometry: continuous, drifts.
     pub odom_frame: String,
-    /// Base frame of the robot; connected to the camera by `/tf_static`. Where it is not, the camera's frame stands in.
+    /// Base frame of the robot; connected to the camera by `/tf_static`. Where it is not, the root of the tree that holds the camera
+    /// stands in, and without one the camera's own frame.
     pub base_frame: String,
     /// How many of the last poses `path` carries.
     #[schemars(range(min = 1, max = 100_000))]
@@ -116,6 +117,19 @@ impl Default for NodeConfig {
             mask_directory: String::new(),
         }
     }
+}
+
+/// Topics that say, by the stamps of their messages, that a frame has been worked on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Acknowledgement {
+    /// The state where a tracker publishes it, otherwise the mask.
+    #[default]
+    Auto,
+    /// `dynamic_mask`, of segmentation.
+    DynamicMask,
+    /// `tracking_state`, of tracking.
+    TrackingState,
 }
 
 /// Parameters of `bag_replay_node`.
@@ -159,7 +173,7 @@ pub struct ReplayConfig {
     pub acknowledge_timeout: f64,
     /// Topic whose messages, by their stamp, say that a frame has been worked on: `tracking_state`, `dynamic_mask`
     /// or `auto` (the state where a tracker publishes it, otherwise the mask).
-    pub acknowledge_topic: String,
+    pub acknowledge_topic: Acknowledgement,
     /// Reliability with which images are published.
     pub qos: Reliability,
     /// Added to depth stamps before association, seconds.
@@ -188,7 +202,7 @@ impl Default for ReplayConfig {
             wait_timeout: 60.0,
             max_ahead: 0,
             acknowledge_timeout: 10.0,
-            acknowledge_topic: "auto".into(),
+            acknowledge_topic: Acknowledgement::Auto,
             qos: Reliability::Reliable,
             depth_offset: 0.0,
             camera_frame: "camera_rgb_optical_frame".into(),

@@ -136,8 +136,11 @@ fn check_leaf(schema: &Value, name: &str, leaf: &Leaf) -> Result<(), ParameterEr
 fn unknown(key: &str, leaf: &Leaf, known: &[String]) -> ParameterError {
     /// Names that differ in more letters are not a spelling mistake.
     const MAX_DISTANCE: usize = 3;
+    /// Nor are short names that differ in most of their letters.
+    const LETTERS_PER_SLIP: usize = 3;
     let nearest = known.iter().map(|name| (edit_distance(key, name), name)).min();
-    let hint = nearest.filter(|(distance, _)| *distance <= MAX_DISTANCE).map(|(_, name)| name.clone());
+    let is_slip = |distance: usize| distance <= MAX_DISTANCE.min(key.len() / LETTERS_PER_SLIP).max(1);
+    let hint = nearest.filter(|(distance, _)| is_slip(*distance)).map(|(_, name)| name.clone());
     ParameterError::Unknown { origin: leaf.origin.clone(), key: key.to_owned(), hint }
 }
 

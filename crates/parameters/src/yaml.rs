@@ -15,7 +15,13 @@ const COMMENT_WIDTH: usize = 110;
 pub(crate) fn read(path: &Path) -> Result<Value, ParameterError> {
     let text =
         std::fs::read_to_string(path).map_err(|source| ParameterError::Read { path: path.to_owned(), source })?;
-    serde_saphyr::from_str(&text).map_err(|e| ParameterError::Syntax { path: path.to_owned(), reason: e.to_string() })
+    let syntax = |reason: String| ParameterError::Syntax { path: path.to_owned(), reason };
+    serde_saphyr::from_str(&text).map_err(|e| syntax(first_line(&e.to_string())))
+}
+
+/// The parser adds an excerpt of the file below its message; error messages here are one line.
+fn first_line(text: &str) -> String {
+    text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default().to_owned()
 }
 
 /// The value of `name:=value` on a command line: YAML, and plain text where it is none.
@@ -54,7 +60,11 @@ fn write_group(out: &mut String, schema: &Value, value: &Value, depth: usize) {
 fn write_comment(out: &mut String, field: &Value, indent: &str) {
     let mut text = schema::description(field);
     if let Some((low, high)) = schema::range(field) {
-        let _ = write!(text, " [{low}, {high}]");
+        let _ = match (low > f64::MIN, high < f64::MAX) {
+            (true, true) => write!(text, " [{low}, {high}]"),
+            (true, false) => write!(text, " (at least {low})"),
+            _ => write!(text, " (at most {high})"),
+        };
     }
     let choices = schema::choices(field);
     if !choices.is_empty() {
@@ -78,6 +88,19 @@ fn write_comment(out: &mut String, field: &Value, indent: &str) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn limits_are_stated_where_there_are_some() {
+        #[derive(Default, Serialize, JsonSchema)]
+        struct Config {
+            #[schemars(range(min = 0))]
+            open: u64,
+            #[schemars(range(min = 1, max = 5))]
+            closed: i32,
+        }
+        let text = to_yaml_with_comments(&Config::default());
+        assert!(text.contains("# (at least 0)\n    open: 0") && text.contains("# [1, 5]\n    closed: 0"), "{text}");
+    }
 
     #[test]
     fn command_line_values_are_yaml() {

@@ -12,10 +12,10 @@ use crate::config::SlamConfig;
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
     /// In segmentation.
-    #[error("segmentation: {0}")]
+    #[error("segmentation")]
     Segmentation(#[from] SegmentationError),
     /// In tracking.
-    #[error("tracking: {0}")]
+    #[error("tracking")]
     Tracking(#[from] TrackingError),
 }
 

@@ -30,7 +30,7 @@ pub enum ReportError {
         reason: String,
     },
     /// An image could not be encoded.
-    #[error("sample image: {0}")]
+    #[error("sample image")]
     Image(#[from] image::ImageError),
     /// The lines between which a summary belongs are missing.
     #[error("no lines `{begin}` and `{end}` to put the summary between")]

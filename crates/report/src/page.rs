@@ -86,8 +86,8 @@ impl RunPage<'_> {
             100.0 * s.tracked,
             html::escape(&s.mode),
             s.seed,
-            s.keyframes,
-            s.map_points,
+            count(s.keyframes),
+            count(s.map_points),
             s.skipped,
             s.unpaired
         );
@@ -113,6 +113,10 @@ impl RunPage<'_> {
     }
 }
 
+fn count(number: Option<usize>) -> String {
+    number.map_or_else(|| "unknown".to_owned(), |n| n.to_string())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -131,8 +135,8 @@ mod tests {
             rpe_rotation_deg: None,
             timing_ms: Timing::default(),
             stages_ms: Vec::new(),
-            keyframes: 1,
-            map_points: 10,
+            keyframes: Some(1),
+            map_points: Some(10),
             mode: "pfd".into(),
             seed: 1,
             config: serde_json::json!({"a": 1}),

@@ -41,12 +41,12 @@ pub struct Summary {
     /// Time per stage, in the order in which they run.
     #[serde(default)]
     pub stages_ms: Vec<StageTiming>,
-    /// Keyframes of the map at the end.
+    /// Keyframes of the map at the end; `null` where only the files of the nodes are known.
     #[serde(default)]
-    pub keyframes: usize,
-    /// Points of the map at the end.
+    pub keyframes: Option<usize>,
+    /// Points of the map at the end; `null` where only the files of the nodes are known.
     #[serde(default)]
-    pub map_points: usize,
+    pub map_points: Option<usize>,
     /// How moving things were found.
     pub mode: String,
     /// Seed of all random choices.

@@ -45,6 +45,11 @@ impl Motion {
         stamp.seconds_since(self.stamp) > MAX_EXTRAPOLATION && self.interval <= MAX_EXTRAPOLATION
     }
 
+    /// Velocity of the camera in its own frame, and its covariance.
+    pub(crate) fn twist(&self) -> (Vector6<f64>, Matrix6<f64>) {
+        self.filter.twist()
+    }
+
     /// The pose at `stamp` if the velocity stays the same.
     pub(crate) fn predict(&self, stamp: Stamp) -> Pose {
         let elapsed = stamp.seconds_since(self.stamp);

@@ -83,6 +83,12 @@ impl MotionFilter {
         }
     }
 
+    /// Velocity of the camera in its own frame, and its covariance. The filter holds the twist that moves `T_camera_world`, from the
+    /// left; that of the camera is its opposite.
+    pub(crate) fn twist(&self) -> (Vector6<f64>, Matrix6<f64>) {
+        (-self.velocity, self.covariance.fixed_view::<6, 6>(6, 6).into_owned())
+    }
+
     /// Covariance of the prediction over `dt` seconds.
     fn covariance_after(&self, dt: f64) -> Matrix12 {
         let mut ahead = Matrix12::identity();
@@ -116,6 +122,7 @@ mod tests {
 
     const DT: f64 = 1.0 / 30.0;
 
+    #[allow(non_snake_case)]
     fn uncertain(T_camera_world: Pose, sigma: f64) -> UncertainPose {
         UncertainPose { T_camera_world, covariance: Matrix6::identity() * sigma * sigma }
     }
@@ -169,6 +176,9 @@ mod tests {
         assert!((0.001..0.009).contains(&y), "{y}");
         assert!(filtered.covariance[(1, 1)] < 1e-4);
         assert!(filtered.covariance.cholesky().is_some(), "a covariance is positive definite");
+        let (twist, covariance) = filter.twist();
+        assert!((twist.x + 0.01 / DT).abs() < 0.02, "the camera moves against the points: {twist}");
+        assert!(covariance.cholesky().is_some() && covariance[(0, 0)] < SPEED * SPEED);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! What tracking returns.
 
-use nalgebra::{Matrix6, Point3};
+use nalgebra::{Matrix6, Point3, Vector6};
 use pfd_geometry::{FrameError, Pose, StageTimes, Stamp};
 use pfd_vision::VisionError;
 
@@ -61,6 +61,10 @@ pub struct TrackedFrame {
     pub T_odom_camera: Option<Pose>,
     /// Covariance of a perturbation on the right of the pose, in the camera frame (tx ty tz rx ry rz; m², rad²).
     pub covariance: Matrix6<f64>,
+    /// Velocity of the camera in its own frame (vx vy vz wx wy wz; m/s, rad/s).
+    pub twist: Vector6<f64>,
+    /// Covariance of the twist (m²/s², rad²/s²); large while nothing is known of the velocity.
+    pub twist_covariance: Matrix6<f64>,
     /// Features outside the mask.
     pub features: u32,
     /// Features that agree with the map.

@@ -57,6 +57,9 @@ struct Active {
     agreement: Agreement,
 }
 
+/// Variance of the first pose (m², rad²), which defines the world: a millimetre and a milliradian, as nobody can work with zero.
+const FIRST_VARIANCE: f64 = 1e-6;
+
 /// A frame on its way through [`Tracker::track`].
 struct Candidate<'a> {
     frame: &'a RgbdFrame,
@@ -268,7 +271,9 @@ impl Tracker {
         let features = candidate.features.len();
         let localized = localized.map(|found| self.smooth(candidate.frame.stamp(), found));
         let (inliers, covariance) =
-            localized.as_ref().map_or((0, Matrix6::zeros()), |found| (found.matches.len(), found.covariance));
+            localized.as_ref().map_or((0, Matrix6::from_diagonal_element(FIRST_VARIANCE)), |found| {
+                (found.matches.len(), found.covariance)
+            });
         let (is_keyframe, found) = match localized {
             Some(localized) => {
                 self.accept(&candidate, &localized);
@@ -279,6 +284,7 @@ impl Tracker {
         };
         let known = matches!(self.state, TrackingState::Ok | TrackingState::Relocalized);
         let motion = self.active.as_ref().filter(|_| known).map(|active| &active.motion);
+        let (twist, twist_covariance) = motion.map(Motion::twist).unwrap_or_default();
         let map = self.mapper.map();
         let tracked = TrackedFrame {
             stamp: self.last_stamp.unwrap_or_default(),
@@ -286,6 +292,8 @@ impl Tracker {
             T_world_camera: motion.map(|m| m.T_camera_world().inverse()),
             T_odom_camera: motion.map(|m| *m.T_odom_camera()),
             covariance,
+            twist,
+            twist_covariance,
             features: features as u32,
             inliers: inliers as u32,
             keyframes: map.keyframe_count() as u32,

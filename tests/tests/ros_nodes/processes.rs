@@ -5,7 +5,7 @@ use std::process::Command;
 
 use crate::support::{Node, PATIENCE, replay, slam};
 use pfd_tests::domain::Domain;
-use pfd_tests::{bundled_sequence, programs};
+use pfd_tests::{bundled_sequence, programs, repository};
 
 fn lines(path: &Path) -> usize {
     std::fs::read_to_string(path).unwrap().lines().count()
@@ -53,6 +53,10 @@ fn mistakes_end_a_node_with_one_line_that_names_them() {
         let output = Command::new(program).args(args).env("ROS_DOMAIN_ID", domain.to_string()).output().unwrap();
         (output.status.code(), String::from_utf8(output.stderr).unwrap())
     };
+    let readme = repository().join("README.md");
+    let readme = readme.to_str().unwrap();
+    let bundled = format!("sequence:={}", bundled_sequence().display());
+    let bundled = bundled.as_str();
     for (name, args, code, expected) in [
         ("slam_node", &["--frobnicate"][..], 2, "--frobnicate"),
         ("slam_node", &["--ros-args", "-r", "nonsense"], 2, "expected `name:=value`"),
@@ -60,7 +64,11 @@ fn mistakes_end_a_node_with_one_line_that_names_them() {
         ("tracking_node", &["--ros-args", "-p", "trakcing.x:=1"], 1, "trakcing"),
         ("segmentation_node", &["--ros-args", "--params-file", "/none.yaml"], 1, "/none.yaml"),
         ("segmentation_node", &["--ros-args", "-p", "network:=moon"], 1, "moon"),
+        ("segmentation_node", &["--ros-args", "--params-file", readme], 1, "README.md is not valid YAML"),
+        ("slam_node", &["--ros-args", "-p", "trajectory_file:=/proc/none/t.txt"], 1, "trajectory_file"),
         ("bag_replay_node", &[], 1, "parameter `sequence` is needed"),
+        ("bag_replay_node", &["--ros-args", "-p", bundled, "-p", "start:=1000.0", "-p", "loop:=true"], 1, "`start`"),
+        ("bag_replay_node", &["--ros-args", "-p", bundled, "-p", "acknowledge_topic:=x"], 1, "acknowledge_topic"),
         ("bag_replay_node", &["--ros-args", "-p", "sequence:=/none"], 1, "/none"),
     ] {
         let (status, stderr) = run(name, args);

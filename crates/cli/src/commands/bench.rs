@@ -15,7 +15,7 @@ use pfd_report::bench_tables::tables;
 use pfd_report::summary::Errors;
 use pfd_report::{FrameRow, Summary, frames};
 
-use crate::arguments::{BenchArguments, BenchMode, ConfigSource};
+use crate::arguments::{BenchArguments, BenchMode, ConfigSource, SequenceArguments};
 use crate::commands::eval_masks;
 use crate::commands::report::samples;
 use crate::progress::Progress;
@@ -24,9 +24,15 @@ use crate::{output, results, setup};
 
 /// Folder of the true masks in a sequence.
 const TRUE_MASKS: &str = "mask";
+/// File beside each run that says what it was made from.
+const SOURCE: &str = "source.txt";
 
 pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
     let plan = Plan::new(arguments)?;
+    if let Some(file) = &arguments.into {
+        // Whether it has a place for the summary is said before hours of work.
+        check_place(file)?;
+    }
     let failures = plan.execute(arguments.jobs as usize)?;
     let runs = plan.collect()?;
     anyhow::ensure!(!runs.is_empty(), "no run succeeded; the first failed with: {}", failures.join("; "));
@@ -52,6 +58,7 @@ struct Plan {
     variants: Vec<Variant>,
     runs: u64,
     max_frames: Option<usize>,
+    reading: SequenceArguments,
 }
 
 /// One run of the plan.
@@ -80,7 +87,23 @@ impl Plan {
             variants: variants_of(arguments)?,
             runs: arguments.runs,
             max_frames: arguments.max_frames,
+            reading: arguments.reading.clone(),
         })
+    }
+
+    /// What a run was made from, beside its configuration: the sequence, how it was read, and the program.
+    fn source(&self, cell: Cell<'_>) -> String {
+        let folder = cell.sequence.folder();
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        let program = std::env::current_exe().and_then(|exe| exe.metadata()).and_then(|data| data.modified()).ok();
+        let built = program.and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok()).unwrap_or_default();
+        let SequenceArguments { depth_offset, one_to_one } = self.reading;
+        let version = env!("CARGO_PKG_VERSION");
+        let folder = folder.display();
+        format!(
+            "{folder}\ndepth offset {depth_offset} s, one to one: {one_to_one}\n{version} of {} s\n",
+            built.as_secs()
+        )
     }
 
     /// All runs; those with true masks only where there are some.
@@ -144,13 +167,17 @@ impl Plan {
         };
         let outcome = runner::run(&job, progress)?;
         let (summary, errors) = results::summarise(&job, &outcome)?;
-        results::write(&folder, &summary, &errors, &outcome)
+        results::write(&folder, &summary, &errors, &outcome)?;
+        std::fs::write(folder.join(SOURCE), self.source(cell)).with_context(|| folder.display().to_string())
     }
 
-    /// Whether the folder holds a run with the same configuration and length.
+    /// Whether the folder holds a run of the same program on the same frames with the same configuration.
     fn is_done(&self, cell: Cell<'_>) -> anyhow::Result<bool> {
-        let report = self.folder(cell).join("report.json");
-        let Ok(summary) = Summary::read(&report) else { return Ok(false) };
+        let folder = self.folder(cell);
+        let Ok(summary) = Summary::read(&folder.join("report.json")) else { return Ok(false) };
+        if std::fs::read_to_string(folder.join(SOURCE)).ok() != Some(self.source(cell)) {
+            return Ok(false);
+        }
         let frames = cell.sequence.len().min(self.max_frames.unwrap_or(usize::MAX));
         Ok(summary.frames + summary.skipped == frames && summary.config == serde_json::to_value(cell.config())?)
     }
@@ -251,6 +278,12 @@ fn write(out: &Path, plan: &Plan, runs: &[BenchRun]) -> anyhow::Result<()> {
 }
 
 /// Replaces the summary that stands in a file.
+fn check_place(file: &Path) -> anyhow::Result<()> {
+    let named = || file.display().to_string();
+    let text = std::fs::read_to_string(file).with_context(named)?;
+    bench_summary::insert(&text, "").map(drop).with_context(named)
+}
+
 fn insert_summary(file: &Path, runs: &[BenchRun], about: &str) -> anyhow::Result<()> {
     let named = || file.display().to_string();
     let text = std::fs::read_to_string(file).with_context(named)?;

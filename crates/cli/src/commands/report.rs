@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use pfd_dataset::{Sequence, images};
+use pfd_dataset::{Association, Sequence, images};
 use pfd_evaluation::read_trajectory;
-use pfd_geometry::{Mask, Stamp};
+use pfd_geometry::Mask;
 use pfd_report::sample::spread;
 use pfd_report::summary::{Errors, Timing};
 use pfd_report::{FrameRow, RunPage, Sample, Summary, frames};
@@ -23,7 +23,8 @@ pub(crate) fn run(arguments: &ReportArguments) -> anyhow::Result<()> {
     let summary = Summary {
         sequence: sequence.name().to_owned(),
         frames: sequence.len(),
-        tracked: trajectory.len() as f64 / sequence.len() as f64,
+        // A replay that begins again shows the same frames more than once.
+        tracked: (trajectory.len() as f64 / sequence.len() as f64).min(1.0),
         skipped: sequence.len().saturating_sub(rows.len()),
         unpaired: sequence.unpaired(),
         ate: errors.ate.as_ref().map(|a| a.statistics),
@@ -32,8 +33,8 @@ pub(crate) fn run(arguments: &ReportArguments) -> anyhow::Result<()> {
         rpe_rotation_deg: errors.rpe.as_ref().map(|r| r.rotation_deg),
         timing_ms: Timing::of(&rows),
         stages_ms: Vec::new(),
-        keyframes: 0,
-        map_points: 0,
+        keyframes: None,
+        map_points: None,
         mode: config.mode.to_string(),
         seed: config.seed,
         config: serde_json::to_value(&config)?,
@@ -59,12 +60,16 @@ fn rows(directory: &Path) -> anyhow::Result<Vec<FrameRow>> {
 
 /// Frames for which there is a mask, spread over the sequence.
 pub(crate) fn samples(sequence: &Sequence, rows: &[FrameRow], masks: &Path) -> anyhow::Result<Vec<Sample>> {
-    let mask_of = |stamp: Stamp| -> PathBuf { masks.join(format!("{stamp}.png")) };
-    let with_mask: Vec<_> = sequence.pairs().iter().filter(|p| mask_of(p.rgb_stamp).exists()).collect();
+    // `run` names masks like the colour images, the nodes by their stamps.
+    let mask_of = |pair: &Association| -> Option<PathBuf> {
+        let names = [pair.rgb_path.file_stem()?.to_string_lossy().into_owned(), pair.rgb_stamp.to_string()];
+        names.into_iter().map(|name| masks.join(name + ".png")).find(|path| path.exists())
+    };
+    let with_mask: Vec<_> = sequence.pairs().iter().filter_map(|pair| Some((pair, mask_of(pair)?))).collect();
     let mut samples = Vec::new();
-    for pair in spread(with_mask.len(), SAMPLES).into_iter().map(|i| with_mask[i]) {
+    for (pair, mask) in spread(with_mask.len(), SAMPLES).into_iter().map(|i| &with_mask[i]) {
         let stamp = pair.rgb_stamp;
-        let (rgb, mask) = (images::read_color(&pair.rgb_path)?, images::read_gray(&mask_of(stamp))?);
+        let (rgb, mask) = (images::read_color(&pair.rgb_path)?, images::read_gray(mask)?);
         let objects = rows.iter().find(|r| r.stamp == stamp.to_string()).map_or(0, |r| r.objects);
         let mask = Mask::from_image(mask);
         let time = stamp.seconds_since(sequence.pair(0).rgb_stamp);

@@ -3,6 +3,7 @@
 use std::io::Cursor;
 
 use image::{DynamicImage, ImageReader, Limits};
+use pfd_geometry::encoded::is_complete;
 use pfd_geometry::{Camera, DepthImage, Image, RgbImage};
 
 use super::image::{ConvertError, MILLIMETRES};
@@ -50,6 +51,9 @@ pub fn depth_from_compressed(message: &CompressedImage) -> Result<DepthImage, Co
 }
 
 fn decode(format: &str, data: &[u8]) -> Result<DynamicImage, ConvertError> {
+    if !is_complete(data) {
+        return Err(damaged(format, &"cut short: the end-of-image marker of the JPEG is missing"));
+    }
     let mut reader = ImageReader::new(Cursor::new(data)).with_guessed_format().map_err(|e| damaged(format, &e))?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(Camera::MAX_SIDE as u32);
@@ -90,6 +94,18 @@ mod tests {
         let header = [[0; 4], 3000.0_f32.to_le_bytes(), 500.0_f32.to_le_bytes()].concat();
         let metres = message("32FC1; compressedDepth png", [header, body].concat());
         assert_eq!(depth_from_compressed(&metres).unwrap().image().pixels(), [3.0, 0.0]);
+    }
+
+    #[test]
+    fn a_jpeg_that_was_cut_short_is_refused() {
+        let noise =
+            image::RgbImage::from_fn(64, 64, |x, y| image::Rgb([(x * 37 + y * 91) as u8, (x * y) as u8, y as u8]));
+        let mut jpeg = Vec::new();
+        DynamicImage::from(noise).write_to(&mut Cursor::new(&mut jpeg), image::ImageFormat::Jpeg).unwrap();
+        assert!(rgb_from_compressed(&message("rgb8; jpeg compressed bgr8", jpeg.clone())).is_ok());
+        jpeg.truncate(jpeg.len() / 2);
+        let error = rgb_from_compressed(&message("rgb8; jpeg compressed bgr8", jpeg)).unwrap_err();
+        assert!(error.to_string().contains("cut short"), "{error}");
     }
 
     proptest! {

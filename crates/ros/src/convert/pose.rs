@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix6, Quaternion, Translation3, UnitQuaternion, Vector3, Vector6};
 use pfd_geometry::Pose;
+use pfd_geometry::pose::adjoint;
 
 use crate::messages::geometry::{self, Transform};
 
@@ -43,8 +44,8 @@ pub fn covariance_to_message(covariance: &Matrix6<f64>) -> [[f64; 6]; 6] {
 /// (Barfoot, "State Estimation for Robotics", eq. 7.140: the adjoint carries perturbations from frame to frame).
 #[allow(non_snake_case)]
 pub fn move_covariance(covariance: &Matrix6<f64>, T_base_camera: &Pose) -> Matrix6<f64> {
-    let adjoint = adjoint(T_base_camera);
-    adjoint * covariance * adjoint.transpose()
+    let carried = adjoint(T_base_camera);
+    carried * covariance * carried.transpose()
 }
 
 /// Rotates the translation part of a right perturbation's covariance into the reference frame: what `nav_msgs/Odometry` wants,
@@ -57,18 +58,10 @@ pub fn align_covariance(covariance: &Matrix6<f64>, pose: &Pose) -> Matrix6<f64> 
     blocks * covariance * blocks.transpose()
 }
 
-fn adjoint(pose: &Pose) -> Matrix6<f64> {
-    let r = *pose.rotation.to_rotation_matrix().matrix();
-    let mut out = Matrix6::zeros();
-    out.fixed_view_mut::<3, 3>(0, 0).copy_from(&r);
-    out.fixed_view_mut::<3, 3>(3, 3).copy_from(&r);
-    out.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pfd_geometry::pose::skew(&pose.translation.vector) * r));
-    out
-}
-
-/// Mean velocity in the moving frame between two poses, m/s and rad/s; `None` when no time went by.
-pub fn twist_between(earlier: &Pose, later: &Pose, seconds: f64) -> Option<Vector6<f64>> {
-    (seconds > 0.0).then(|| pfd_geometry::pose::log(&(earlier.inverse() * later)) / seconds)
+/// A twist of the rigid body in its frame `camera` (linear part first), seen from its frame `base` with `T_base_camera`.
+#[allow(non_snake_case)]
+pub fn move_twist(twist: &Vector6<f64>, T_base_camera: &Pose) -> Vector6<f64> {
+    adjoint(T_base_camera) * twist
 }
 
 #[cfg(test)]
@@ -100,10 +93,10 @@ mod tests {
     }
 
     #[test]
-    fn twist_is_displacement_over_time() {
-        let later = example() * Pose::translation(0.0, 0.0, 0.1);
-        let twist = twist_between(&example(), &later, 0.05).unwrap();
-        assert!((twist - Vector6::new(0.0, 0.0, 2.0, 0.0, 0.0, 0.0)).norm() < 1e-9);
-        assert_eq!(twist_between(&example(), &later, 0.0), None);
+    fn a_camera_ahead_of_the_base_swings_when_the_base_turns() {
+        // The base turns to the left by 1 rad/s; the camera, 2 m ahead, goes left by 2 m/s as it turns.
+        let of_camera = Vector6::new(0.0, 2.0, 0.0, 0.0, 0.0, 1.0);
+        let of_base = move_twist(&of_camera, &Pose::translation(2.0, 0.0, 0.0));
+        assert!((of_base - Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)).norm() < 1e-12);
     }
 }
