@@ -7,7 +7,7 @@ const RATE: f64 = 0.05;
 /// Agreement is unusual when it falls this far below what is usual.
 const DROP: f64 = 0.1;
 /// What stays unusual for so long has become usual, seconds.
-const PATIENCE: f64 = 0.35;
+const PATIENCE: f64 = 0.2;
 
 /// The share of associations that agree with the pose, over time.
 ///
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_drop_is_noticed_at_once_and_becomes_usual() {
         let low = low_frames(0.98, 0.7, 15);
-        assert_eq!(low, (0..15).map(|i| i < 11).collect::<Vec<_>>(), "a third of a second");
+        assert_eq!(low, (0..15).map(|i| i < 6).collect::<Vec<_>>(), "a fifth of a second");
     }
 
     #[test]

@@ -27,6 +27,9 @@ pub(crate) struct Situation<'a> {
 /// Time without keyframes after an interruption, seconds: segmentation has to learn anew what moves, and masks nothing until then.
 const QUIET: f64 = 0.2;
 
+/// With this many times the wanted points a keyframe can wait until it is clear what the frame shows.
+const PLENTY: f64 = 1.5;
+
 /// Mur-Artal and Tardós, T-RO 2017, section III-E: too little is left of the reference keyframe, or much new is in view.
 pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'_>) -> bool {
     let Situation { features, matches, .. } = situation;
@@ -39,7 +42,10 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
         |stamp: Stamp| Some(situation.stamp.seconds_since(stamp)).filter(|s| *s >= 0.0).unwrap_or(f64::INFINITY);
     let too_soon = newest.is_some_and(|k| since(k.stamp) < config.mapping.min_keyframe_interval);
     let quiet = situation.resumed.is_some_and(|stamp| since(stamp) < QUIET);
-    if too_soon || quiet || without_mask || situation.agreement_broke_off {
+    let wanted = config.mapping.wanted_points;
+    // With little left to go by, a keyframe that may stand aside is better than none.
+    let doubtful = situation.agreement_broke_off && matches.len() as f64 >= PLENTY * wanted as f64;
+    if too_soon || quiet || without_mask || doubtful {
         return false;
     }
     let of_reference = reference.observed().filter(|(_, point)| map.established(*point).is_some()).count();
@@ -47,14 +53,13 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
     let with_depth = |m: &&Match| features.measurement(m.feature).depth.is_some();
     let matched_with_depth = matches.iter().filter(with_depth).count();
     let new = features.with_depth().saturating_sub(matched_with_depth);
-    let wanted = config.mapping.wanted_points;
     few || (matched_with_depth < wanted && new > wanted)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::map::Keyframe;
+    use crate::map::{Keyframe, MapPointId};
     use crate::residual::Measurement;
     use nalgebra::Point2;
     use pfd_geometry::Pose;
@@ -62,15 +67,23 @@ mod tests {
     /// Whether a frame that shows many unknown points becomes a keyframe so long after the last one, and so long after the camera was
     /// found again, seconds.
     fn due_after(seconds: f64, found_again: Option<f64>, is_masked: bool) -> bool {
-        due(seconds, found_again, is_masked, false)
+        due(seconds, (found_again, is_masked, false), 0)
     }
 
-    fn due(seconds: f64, found_again: Option<f64>, is_masked: bool, agreement_broke_off: bool) -> bool {
+    fn due(
+        seconds: f64,
+        (found_again, is_masked, agreement_broke_off): (Option<f64>, bool, bool),
+        matched: usize,
+    ) -> bool {
         let measured = Measurement { pixel: Point2::new(30.0, 30.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
-        let features = ImageFeatures::from_measurements((64, 64), vec![measured; 300]);
+        let mut measurements = vec![measured; 300];
+        measurements.push(Measurement { depth: None, ..measured });
+        let features = ImageFeatures::from_measurements((64, 64), measurements);
         let mut map = Map::default();
         let start = Stamp::from_nanos(5_000_000_000);
         let reference = map.add_keyframe(Keyframe::new(start, 0, Pose::identity(), features.clone()));
+        // Matched is what has no depth, so that there is always much to gain from a keyframe.
+        let matches = vec![Match { point: MapPointId::default(), feature: 300, distance: 0 }; matched];
         let stamp = start.offset_by(seconds);
         let resumed = found_again.map(|ago| stamp.offset_by(-ago));
         let situation = Situation {
@@ -79,7 +92,7 @@ mod tests {
             reference,
             newest: Some(reference),
             features: &features,
-            matches: &[],
+            matches: &matches,
             is_masked,
             agreement_broke_off,
         };
@@ -104,7 +117,9 @@ mod tests {
 
     #[test]
     fn there_are_none_while_agreement_has_just_broken_off() {
-        assert_eq!([true, false].map(|broke_off| due(1.0, None, true, broke_off)), [false, true]);
+        let due = |broke_off, matched| due(1.0, (None, true, broke_off), matched);
+        assert_eq!([due(true, 160), due(false, 160)], [false, true]);
+        assert!(due(true, 90), "rather a doubtful keyframe than to be lost");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! [`Tracker::track`] takes a frame and the mask of what moves in it (from wherever), and returns the pose. Nothing here knows
 //! how masks are made, or ROS.
 
+mod active;
 mod agreement;
 mod alignment;
 mod background;

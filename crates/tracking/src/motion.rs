@@ -50,13 +50,13 @@ impl Motion {
         self.filter.twist()
     }
 
-    /// The pose at `stamp` if the velocity stays the same.
+    /// The pose at `stamp` if the velocity, by all frames so far, stays the same.
     pub(crate) fn predict(&self, stamp: Stamp) -> Pose {
         let elapsed = stamp.seconds_since(self.stamp);
-        if self.interval <= 0.0 || elapsed > MAX_EXTRAPOLATION {
+        if elapsed > MAX_EXTRAPOLATION {
             return self.T_camera_world;
         }
-        pose::exp(&(pose::log(&self.velocity) * (elapsed / self.interval))) * self.T_camera_world
+        self.filter.predict(&self.T_camera_world, elapsed)
     }
 
     /// Twist of the camera per second in its own frame (`exp(ξ·t) · T_camera_world`) between the last two poses.
@@ -160,10 +160,12 @@ mod tests {
         let at = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
         let mut motion = Motion::start(at(0), Pose::identity(), Pose::identity());
         assert_eq!(motion.predict(at(33)), Pose::identity());
-        motion.update(at(33), step);
-        assert!(pose::log(&(motion.predict(at(66)) * (step * step).inverse())).norm() < 1e-12);
-        assert!(pose::log(&(motion.predict(at(99)) * (step * step * step).inverse())).norm() < 1e-12);
-        assert_eq!(motion.predict(at(5000)), step, "no extrapolation over seconds");
-        assert!(pose::log(&(motion.T_odom_camera() * step)).norm() < 1e-12);
+        let exact = UncertainPose { T_camera_world: step, covariance: Matrix6::identity() * 1e-12 };
+        let found = motion.smooth(at(33), &exact);
+        motion.update(at(33), found.T_camera_world);
+        let off = |ms: i64, expected: Pose| pose::log(&(motion.predict(at(ms)) * expected.inverse())).norm();
+        assert!(off(66, step * step) < 1e-3 && off(99, step * step * step) < 1e-3);
+        assert!(off(5000, step) < 1e-6, "no extrapolation over seconds");
+        assert!(pose::log(&(motion.T_odom_camera() * step)).norm() < 1e-6);
     }
 }

@@ -58,10 +58,15 @@ impl MotionFilter {
         Self { velocity: Vector6::zeros(), covariance: both }
     }
 
+    /// Where the camera is `dt` seconds after it was at `last`.
+    pub(crate) fn predict(&self, last: &Pose, dt: f64) -> Pose {
+        pose::exp(&(self.velocity * dt)) * last
+    }
+
     /// Takes in the pose that was found `dt` seconds after the camera was at `last`. Returns the pose by all that is known; the
     /// found one, and the filter starts anew, where the covariances leave that open.
     pub(crate) fn update(&mut self, last: &Pose, dt: f64, found: &UncertainPose) -> UncertainPose {
-        let predicted = pose::exp(&(self.velocity * dt)) * last;
+        let predicted = self.predict(last, dt);
         let mut prior = self.covariance_after(dt);
         let innovation = pose::log(&(found.T_camera_world * predicted.inverse()));
         let weigh = |prior: &Matrix12| (prior.fixed_view::<6, 6>(0, 0) + found.covariance).cholesky();

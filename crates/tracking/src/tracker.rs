@@ -8,14 +8,14 @@ use pfd_vision::features::FeatureExtractor;
 use rand::SeedableRng;
 use rand_pcg::Pcg32;
 
-use crate::agreement::Agreement;
+use crate::active::Active;
 use crate::config::TrackingConfig;
 use crate::first_frames::FirstFrames;
 use crate::image_features::ImageFeatures;
 use crate::keyframe_decision;
 use crate::local_mapping;
-use crate::localization::{Expectation, Localized, Localizer};
-use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
+use crate::localization::{Localized, Localizer};
+use crate::map::{Keyframe, KeyframeId, Map};
 use crate::map_file::MapFileError;
 use crate::mapper::Mapper;
 use crate::mask_check;
@@ -44,17 +44,6 @@ pub struct Tracker {
     first_frames: Option<FirstFrames>,
     /// With the readout time, a property of the camera: it outlives the map.
     refinement: Refinement,
-}
-
-/// What is known while (and after) a map exists.
-struct Active {
-    motion: Motion,
-    reference: KeyframeId,
-    /// Map points that the last frame showed.
-    last_points: Vec<MapPointId>,
-    /// When the camera was found again or the stream went on after a gap, if it did.
-    resumed: Option<Stamp>,
-    agreement: Agreement,
 }
 
 /// Variance of the first pose (m², rad²), which defines the world: a millimetre and a milliradian, as nobody can work with zero.
@@ -246,12 +235,7 @@ impl Tracker {
     }
 
     fn follow(&self, active: &Active, candidate: &Candidate<'_>) -> Option<Localized> {
-        let expectation = Expectation {
-            predicted: active.motion.predict(candidate.frame.stamp()),
-            last: *active.motion.T_camera_world(),
-            last_points: &active.last_points,
-            reference: active.reference,
-        };
+        let expectation = active.expectation(candidate.frame.stamp());
         self.localizer().follow(&candidate.features, &expectation, &mut self.rng.clone())
     }
 
@@ -392,7 +376,7 @@ impl Tracker {
         let reference = self.mapper.insert(keyframe, &[]);
         self.mapper.log_pose(stamp, reference, &pose);
         let last_points = self.mapper.points_of(reference);
-        self.active = Some(Active { motion, reference, last_points, resumed: None, agreement: Agreement::default() });
+        self.active = Some(Active::new(motion, reference, last_points));
         self.state = TrackingState::Ok;
         self.lost_since = None;
         true
@@ -412,18 +396,7 @@ impl Tracker {
             self.revise_last_velocity(stamp, &localized.T_camera_world);
         }
         let Some(active) = &mut self.active else { return };
-        if was_lost || active.motion.is_interrupted_by(stamp) {
-            active.resumed = Some(stamp);
-        }
-        if was_lost {
-            let Localized { T_camera_world, covariance, .. } = *localized;
-            active.motion.restart(stamp, &UncertainPose { T_camera_world, covariance });
-        } else {
-            active.motion.update(stamp, localized.T_camera_world);
-        }
-        active.agreement.observe(stamp, localized.consensus);
-        active.last_points = localized.matches.iter().map(|m| m.point).collect();
-        active.reference = reference.unwrap_or(active.reference);
+        active.accept(stamp, localized, reference, was_lost);
         self.mapper.log_pose(stamp, active.reference, &localized.T_camera_world);
     }
 
@@ -556,13 +529,7 @@ impl Tracker {
         if let Some((reference, keyframe)) = newest {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
             self.refinement = Refinement::new(keyframe.features.shutter().readout);
-            self.active = Some(Active {
-                motion,
-                reference,
-                last_points: Vec::new(),
-                resumed: None,
-                agreement: Agreement::default(),
-            });
+            self.active = Some(Active::new(motion, reference, Vec::new()));
             self.state = TrackingState::Lost;
             self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
         }
