@@ -86,7 +86,9 @@ impl Shared {
 
     /// Loads a map now, or with the first frame if there was none yet.
     fn load_map(&self, path: &Path) -> anyhow::Result<()> {
-        if let Some(tracker) = self.tracker().as_mut() {
+        // Held to the end: no tracker is made in between.
+        let mut tracker = self.tracker();
+        if let Some(tracker) = tracker.as_mut() {
             return Ok(tracker.load_map(path)?);
         }
         File::open(path).with_context(|| path.display().to_string())?;
