@@ -219,11 +219,28 @@ fn bench_makes_tables_and_goes_on_where_it_stopped() {
 }
 
 #[test]
+fn a_bench_of_an_archive_goes_on_where_it_stopped() {
+    let folder = tempfile::tempdir().unwrap();
+    let sequence = folder.path().join("room");
+    copy_frames(&sequence, 4);
+    std::fs::copy(bundled_sequence().join("calib.yaml"), sequence.join("calib.yaml")).unwrap();
+    let archive = folder.path().join("room.tgz");
+    let tar = ["czf", text(&archive), "-C", text(folder.path()), "room"];
+    assert!(std::process::Command::new("tar").args(tar).status().unwrap().success());
+    let out = folder.path().join("out");
+    let bench = || {
+        assert_success(&pfd_slam(&["bench", text(&archive), "--modes", "none", "--out", text(&out)]));
+        out.join("runs/room/none/0/report.json").metadata().unwrap().modified().unwrap()
+    };
+    assert_eq!(bench(), bench(), "a finished run was run again");
+}
+
+#[test]
 fn config_prints_what_it_reads() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("printed.yaml");
     for nodes in [&[][..], &["--nodes"]] {
-        let printed = pfd_slam(&[&["config", "--set", "seed=5"][..], nodes].concat());
+        let printed = pfd_slam(&[&["config", "--set", "seed=5", "--set", "rgb_topic=/eye"][..], nodes].concat());
         assert_success(&printed);
         std::fs::write(&file, &printed.stdout).unwrap();
         let again = pfd_slam(&[&["config", "--config", text(&file)][..], nodes].concat());
@@ -231,6 +248,7 @@ fn config_prints_what_it_reads() {
         let printed = String::from_utf8(printed.stdout).unwrap();
         assert_eq!(String::from_utf8(again.stdout).unwrap(), printed);
         assert_eq!(printed.contains("acknowledge_topic"), !nodes.is_empty());
+        assert_eq!(printed.contains("rgb_topic: \"/eye\""), !nodes.is_empty());
     }
 }
 

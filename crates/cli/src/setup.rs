@@ -5,13 +5,15 @@ use std::path::Path;
 use anyhow::Context;
 use pfd_dataset::{Options, Pairing, Sequence};
 use pfd_geometry::{Camera, Distortion};
-use pfd_parameters::{NodeName, load, parse_value};
+use pfd_parameters::{NodeConfig, NodeName, ParameterTree, ReplayConfig, Value, load, parse_value};
 use pfd_pipeline::SlamConfig;
 
 use crate::arguments::{ConfigSource, SequenceArguments};
 
 /// The node whose sections of a parameter file are read; it does in one process what the command line does.
 const NODE: &str = "slam_node";
+/// The node whose sections say how a sequence is replayed.
+const REPLAY: &str = "bag_replay_node";
 
 pub(crate) fn sequence(path: &Path, arguments: &SequenceArguments) -> anyhow::Result<Sequence> {
     let pairing = if arguments.one_to_one { Pairing::OneToOne } else { Pairing::Nearest };
@@ -20,9 +22,21 @@ pub(crate) fn sequence(path: &Path, arguments: &SequenceArguments) -> anyhow::Re
 }
 
 pub(crate) fn configuration(source: &ConfigSource) -> anyhow::Result<SlamConfig> {
-    let files: Vec<&Path> = source.config.iter().map(AsRef::as_ref).collect();
-    let overrides: Vec<_> = source.set.iter().map(|(name, value)| (name.clone(), parse_value(value))).collect();
+    let (files, overrides) = said(source);
     Ok(load(&files, &NodeName::new("/", NODE)?, &overrides)?)
+}
+
+/// The parameters of the nodes beside those of the pipeline: of the ones that work on frames, and of the replay.
+pub(crate) fn node_configuration(source: &ConfigSource) -> anyhow::Result<(NodeConfig, ReplayConfig)> {
+    let (files, overrides) = said(source);
+    let tree = |node| anyhow::Ok(ParameterTree::read(&files, &NodeName::new("/", node)?, &overrides)?);
+    Ok((tree(NODE)?.take()?, tree(REPLAY)?.take()?))
+}
+
+/// Files and single parameters.
+fn said(source: &ConfigSource) -> (Vec<&Path>, Vec<(String, Value)>) {
+    let files = source.config.iter().map(AsRef::as_ref).collect();
+    (files, source.set.iter().map(|(name, value)| (name.clone(), parse_value(value))).collect())
 }
 
 /// The camera of the configuration, else that of the sequence.

@@ -56,7 +56,8 @@ impl Calibration {
     /// # Errors
     /// The reason, with the key at fault.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let file: File = serde_saphyr::from_str(text).map_err(|e| first_line(&e.to_string()))?;
+        // Without the excerpt of the file: error messages are one line.
+        let file: File = serde_saphyr::from_str(text).map_err(|e| e.without_snippet().to_string())?;
         if let Some(model) = file.camera_model.filter(|m| m != "pinhole") {
             return Err(format!("camera_model `{model}` is not supported: pinhole is"));
         }
@@ -119,11 +120,6 @@ fn distortion(model: Option<&str>, coefficients: &[f64]) -> Result<Distortion, S
         n => return Err(format!("distortion has {n} coefficients: 4 or 5 (k1 k2 p1 p2 k3) are expected")),
     }
     Ok(Distortion(all))
-}
-
-/// The parser adds an excerpt of the file below its message; error messages here are one line.
-fn first_line(text: &str) -> String {
-    text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default().to_owned()
 }
 
 #[cfg(test)]

@@ -57,6 +57,7 @@ pub struct Association {
 #[derive(Debug)]
 pub struct Sequence {
     name: String,
+    path: PathBuf,
     folder: PathBuf,
     pairs: Vec<Association>,
     unpaired: usize,
@@ -98,6 +99,7 @@ impl Sequence {
             ground_truth: ground_truth(&folder.join("groundtruth.txt"))?,
             unpaired: rgb.len() - pairs.len(),
             name,
+            path: path.to_owned(),
             folder,
             pairs,
             _unpacked: unpacked,
@@ -107,6 +109,11 @@ impl Sequence {
     /// Name of the folder or archive, without `.tgz`.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// The folder or archive that was opened.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// The folder with the files (a temporary one for an archive).

@@ -16,12 +16,8 @@ pub(crate) fn read(path: &Path) -> Result<Value, ParameterError> {
     let text =
         std::fs::read_to_string(path).map_err(|source| ParameterError::Read { path: path.to_owned(), source })?;
     let syntax = |reason: String| ParameterError::Syntax { path: path.to_owned(), reason };
-    serde_saphyr::from_str(&text).map_err(|e| syntax(first_line(&e.to_string())))
-}
-
-/// The parser adds an excerpt of the file below its message; error messages here are one line.
-fn first_line(text: &str) -> String {
-    text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default().to_owned()
+    // Without the excerpt of the file: error messages are one line.
+    serde_saphyr::from_str(&text).map_err(|e| syntax(e.without_snippet().to_string()))
 }
 
 /// The value of `name:=value` on a command line: YAML, and plain text where it is none.

@@ -93,17 +93,15 @@ impl Plan {
 
     /// What a run was made from, beside its configuration: the sequence, how it was read, and the program.
     fn source(&self, cell: Cell<'_>) -> String {
-        let folder = cell.sequence.folder();
-        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        // Not the folder: an archive is unpacked into another one each time.
+        let path = cell.sequence.path();
+        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let program = std::env::current_exe().and_then(|exe| exe.metadata()).and_then(|data| data.modified()).ok();
         let built = program.and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok()).unwrap_or_default();
         let SequenceArguments { depth_offset, one_to_one } = self.reading;
         let version = env!("CARGO_PKG_VERSION");
-        let folder = folder.display();
-        format!(
-            "{folder}\ndepth offset {depth_offset} s, one to one: {one_to_one}\n{version} of {} s\n",
-            built.as_secs()
-        )
+        let path = path.display();
+        format!("{path}\ndepth offset {depth_offset} s, one to one: {one_to_one}\n{version} of {} s\n", built.as_secs())
     }
 
     /// All runs; those with true masks only where there are some.
