@@ -196,6 +196,13 @@ impl Mask {
         Self(image)
     }
 
+    /// Sets the pixels, row by row, by whether each is dynamic.
+    pub fn assign(&mut self, dynamic: impl Iterator<Item = bool>) {
+        for (value, dynamic) in self.0.pixels_mut().iter_mut().zip(dynamic) {
+            *value = if dynamic { Self::DYNAMIC } else { Self::STATIC };
+        }
+    }
+
     /// The underlying image: 255 = dynamic, 0 = static.
     pub fn image(&self) -> &GrayImage {
         &self.0

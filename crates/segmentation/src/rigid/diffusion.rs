@@ -27,6 +27,8 @@ pub(crate) struct EdgeScales {
 
 /// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (about 80°).
 const SLOPE: f32 = 0.015;
+/// Rows that are filtered together.
+const ROWS: usize = 4;
 /// Distance in standard deviations that a border between measured and missing depth stands for.
 const MISSING_STEP: f32 = 1.0;
 
@@ -60,13 +62,19 @@ impl Conductance {
         }
     }
 
+    /// Several rows at a time: each value waits for the one beside it, and other rows fill the wait.
     fn rows(&self, width: usize, field: &mut [[f32; 2]]) {
-        for (row, a) in field.chunks_exact_mut(width).zip(self.horizontal.chunks_exact(width)) {
+        for (rows, a) in field.chunks_mut(ROWS * width).zip(self.horizontal.chunks(ROWS * width)) {
+            let starts = (0..rows.len()).step_by(width);
             for u in 1..width {
-                row[u] = blend(row[u], row[u - 1], a[u]);
+                for i in starts.clone().map(|start| start + u) {
+                    rows[i] = blend(rows[i], rows[i - 1], a[i]);
+                }
             }
             for u in (1..width).rev() {
-                row[u - 1] = blend(row[u - 1], row[u], a[u]);
+                for i in starts.clone().map(|start| start + u) {
+                    rows[i - 1] = blend(rows[i - 1], rows[i], a[i]);
+                }
             }
         }
     }

@@ -9,7 +9,7 @@ use pfd_geometry::DepthNoise;
 use super::reference::{Appearance, RANGE_RADIUS, Warp};
 use super::regions::BACKGROUND;
 use super::static_model::ModelPoint;
-use super::view::{Pinhole, ViewFrame};
+use super::view::{Pinhole, ViewFrame, floor};
 
 /// The surface stands where an earlier frame saw free space: it has come in.
 const FREE_SPACE: f32 = 1.0;
@@ -366,7 +366,7 @@ fn bilinear(image: &[f32], camera: &Pinhole, [x, y]: [f32; 2]) -> Option<f32> {
     if !inside {
         return None;
     }
-    let (u, v) = (x as usize, y as usize);
+    let (u, v) = (floor(x), floor(y));
     let (a, b) = (x - u as f32, y - v as f32);
     let i = v * camera.width + u;
     let (top, bottom) = (&image[i..i + 2], &image[i + camera.width..i + camera.width + 2]);

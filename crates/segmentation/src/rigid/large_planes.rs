@@ -142,10 +142,9 @@ impl LargePlanes {
         self.blocks.clear();
         self.blocks.extend((0..size.0 * size.1).map(|block| {
             let mut sums = Sums::default();
-            for i in pixels(camera, block, size.0) {
+            for (i, [x, y]) in pixels(camera, block, size.0) {
                 if depth[i] > 0.0 {
-                    let [x, y] = from_centre(camera, i).map(f64::from);
-                    sums.add([x, y, 1.0 / f64::from(depth[i])]);
+                    sums.add([f64::from(x), f64::from(y), 1.0 / f64::from(depth[i])]);
                 }
             }
             let measured = sums.count() >= MEASURED * (BLOCK * BLOCK) as f64;
@@ -201,8 +200,11 @@ impl LargePlanes {
         }
         self.nearby.retain(|label| *label != NO_PLANE);
         self.nearby.dedup();
-        for i in pixels(camera, block, columns).filter(|&i| depth[i] > 0.0 && !self.nearby.is_empty()) {
-            let ([x, y], q) = (from_centre(camera, i), 1.0 / depth[i]);
+        if self.nearby.is_empty() {
+            return;
+        }
+        for (i, [x, y]) in pixels(camera, block, columns).filter(|&(i, _)| depth[i] > 0.0) {
+            let q = 1.0 / depth[i];
             let limit = ON_PLANE * (noise.quadratic as f32 + noise.offset as f32 * q * q);
             let lies_on = |label: &&u16| {
                 let p = self.planes[**label as usize - 1].map(|a| a as f32);
@@ -218,16 +220,13 @@ fn around(position: usize, size: usize) -> Range<usize> {
     position.saturating_sub(1)..(position + 2).min(size)
 }
 
-/// The pixels of a block.
-fn pixels(camera: &Pinhole, block: usize, columns: usize) -> impl Iterator<Item = usize> + use<> {
-    let (left, top, width) = (block % columns * BLOCK, block / columns * BLOCK, camera.width);
-    let (right, bottom) = ((left + BLOCK).min(width), (top + BLOCK).min(camera.height));
-    (top..bottom).flat_map(move |v| v * width + left..v * width + right)
-}
-
-/// Pixel coordinates from the principal point.
-fn from_centre(camera: &Pinhole, i: usize) -> [f32; 2] {
-    [(i % camera.width) as f32 - camera.cx, (i / camera.width) as f32 - camera.cy]
+/// The pixels of a block, each with its coordinates from the principal point.
+fn pixels(camera: &Pinhole, block: usize, columns: usize) -> impl Iterator<Item = (usize, [f32; 2])> + use<> {
+    let &Pinhole { width, height, cx, cy, .. } = camera;
+    let (left, top) = (block % columns * BLOCK, block / columns * BLOCK);
+    let (right, bottom) = ((left + BLOCK).min(width), (top + BLOCK).min(height));
+    let row = move |v: usize| (left..right).map(move |u| (v * width + u, [u as f32 - cx, v as f32 - cy]));
+    (top..bottom).flat_map(row)
 }
 
 #[cfg(test)]

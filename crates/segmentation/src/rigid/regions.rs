@@ -1,5 +1,8 @@
 //! From a belief per pixel to connected regions.
 
+use std::ops::Range;
+
+use super::disjoint_sets::{join, root};
 use super::view::Pinhole;
 
 /// Label of pixels that belong to no region.
@@ -63,20 +66,60 @@ pub(crate) fn neighbours((width, height): (usize, usize), i: usize) -> [Option<u
     ]
 }
 
-/// Sets every hole of `mask` (0 enclosed by 255) of at most `max_pixels` pixels.
-pub(crate) fn fill_holes(camera: &Pinhole, mask: &mut [u8], max_pixels: usize, visited: &mut Vec<bool>) {
-    visited.clear();
-    visited.resize(mask.len(), false);
-    for seed in 0..mask.len() {
-        if visited[seed] || mask[seed] != 0 {
-            continue;
+/// Fills small holes of masks.
+#[derive(Debug, Default)]
+pub(crate) struct HoleFiller {
+    /// Runs of static pixels in the rows of the mask, in order.
+    runs: Vec<Range<usize>>,
+    /// For each run an earlier one that it connects with, or itself.
+    parents: Vec<u32>,
+    /// Pixels of all runs that connect, by the first of them.
+    areas: Vec<usize>,
+}
+
+impl HoleFiller {
+    /// Sets every hole of `mask` (0 enclosed by 255) of at most `max_pixels` pixels.
+    pub(crate) fn fill(&mut self, width: usize, mask: &mut [u8], max_pixels: usize) {
+        self.find_runs(width, mask);
+        self.areas.clear();
+        self.areas.resize(self.runs.len(), 0);
+        for (k, run) in self.runs.iter().enumerate() {
+            self.areas[root(&mut self.parents, k as u32) as usize] += run.len();
         }
-        let hole = flood(camera, seed, visited, |i| mask[i] == 0);
-        if hole.len() <= max_pixels {
-            for i in hole {
-                mask[i as usize] = 255;
+        for (k, run) in self.runs.iter().enumerate() {
+            if self.areas[root(&mut self.parents, k as u32) as usize] <= max_pixels {
+                mask[run.clone()].fill(255);
             }
         }
+    }
+
+    /// Finds the runs and joins those of neighbouring rows that touch.
+    fn find_runs(&mut self, width: usize, mask: &[u8]) {
+        self.runs.clear();
+        self.parents.clear();
+        let mut above = 0..0;
+        for (v, row) in mask.chunks_exact(width.max(1)).enumerate() {
+            let first = self.runs.len();
+            let mut end = 0;
+            while let Some(start) = row[end..].iter().position(|&m| m == 0).map(|n| end + n) {
+                end = row[start..].iter().position(|&m| m != 0).map_or(width, |n| start + n);
+                self.join_above(width, &above, v * width + start..v * width + end);
+            }
+            above = first..self.runs.len();
+        }
+    }
+
+    /// Adds a run and joins it with those of the row `above` that it touches.
+    fn join_above(&mut self, width: usize, above: &Range<usize>, run: Range<usize>) {
+        let k = self.runs.len() as u32;
+        self.parents.push(k);
+        for other in above.clone() {
+            let Range { start, end } = self.runs[other];
+            if start + width < run.end && run.start < end + width {
+                join(&mut self.parents, other as u32, k);
+            }
+        }
+        self.runs.push(run);
     }
 }
 
@@ -138,10 +181,25 @@ mod tests {
         let mut mask = [255_u8; 24];
         mask[7] = 0;
         let mut open = mask;
-        fill_holes(&CAMERA, &mut mask, 1, &mut Vec::new());
+        let mut filler = HoleFiller::default();
+        filler.fill(CAMERA.width, &mut mask, 1);
         assert_eq!(mask[7], 255);
         open[8] = 0;
-        fill_holes(&CAMERA, &mut open, 1, &mut Vec::new());
+        filler.fill(CAMERA.width, &mut open, 1);
         assert_eq!((open[7], open[8]), (0, 0));
+    }
+
+    #[test]
+    fn a_hole_that_goes_round_a_corner_is_one() {
+        // Two columns that meet at the bottom: seven pixels.
+        let hole = [7, 9, 13, 15, 19, 20, 21];
+        let mut mask = [255_u8; 24];
+        hole.iter().for_each(|&i| mask[i] = 0);
+        let filled = |max_pixels| {
+            let mut mask = mask;
+            HoleFiller::default().fill(CAMERA.width, &mut mask, max_pixels);
+            mask.iter().all(|m| *m == 255)
+        };
+        assert_eq!([6, 7].map(filled), [false, true]);
     }
 }

@@ -14,7 +14,7 @@ use super::large_planes::{LargePlanes, NO_PLANE};
 use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
-use super::regions::{BACKGROUND, Component, components, dilate, fill_holes, fill_rectangle};
+use super::regions::{BACKGROUND, Component, HoleFiller, components, dilate, fill_rectangle};
 use super::report;
 use super::static_model::StaticModel;
 use super::surfaces::{Relief, Surfaces};
@@ -92,6 +92,7 @@ struct Buffers {
     conductance: Conductance,
     range: [Vec<f32>; 2],
     visited: Vec<bool>,
+    holes: HoleFiller,
     spare_mask: Vec<u8>,
 }
 
@@ -287,14 +288,20 @@ impl RigidSegmenter {
         } else {
             self.planes.clear(depth.len());
         }
-        let relief = Relief::new(&self.noise, depth, &self.planes.labels);
-        self.surfaces.find(camera, &relief);
-        self.surfaces.describe(camera, &relief, |_| Some(1.0));
+        self.surfaces.find(camera, &Relief::new(&self.noise, depth, &self.planes.labels));
     }
 
     /// Adds evidence over the whole of things on which most corners move on their own: two frames suffice for that.
     fn blame_things(&mut self, corners: &[CornerMove]) {
-        let moves = things::that_move(&self.surfaces, &self.view.camera, corners);
+        let mut moves = things::elect(&self.surfaces, corners);
+        // In most frames there is no such surface.
+        if !moves.contains(&true) {
+            return;
+        }
+        let (camera, relief) =
+            (&self.view.camera, Relief::new(&self.noise, self.current.depth.pixels(), &self.planes.labels));
+        self.surfaces.describe(camera, &relief, |_| Some(1.0));
+        things::are_things(&self.surfaces, camera, &mut moves);
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {
             if moves.get(surface as usize).is_some_and(|m| *m) {
                 self.field.observe(i, Cue::OwnMotion, MOVING_THING);
@@ -311,11 +318,11 @@ impl RigidSegmenter {
         let moving = MOVING_CORNERS + (MOVING_CORNERS_ALONE - MOVING_CORNERS) * unknown;
         self.territories.divide(&camera, &self.noise, &self.current, corners);
         let verdicts = self.territories.verdicts(corners, WARP_SIGMA + WARP_SIGMA_PER_PIXEL * self.flow);
-        for (corner, pixel) in self.territories.owned(&camera) {
+        for (corner, pixels) in self.territories.owned(&camera) {
             match verdicts[corner] {
                 Verdict::Silent => {}
-                Verdict::Moving => self.field.observe(pixel, Cue::OwnMotion, moving),
-                Verdict::Still => self.field.add_static(pixel, STILL_CORNER),
+                Verdict::Moving => pixels.iter().for_each(|&i| self.field.observe(i, Cue::OwnMotion, moving)),
+                Verdict::Still => pixels.iter().for_each(|&i| self.field.add_static(i, STILL_CORNER)),
             }
         }
     }
@@ -513,7 +520,7 @@ impl RigidSegmenter {
             }
         }
         let max_hole = (HOLE_SHARE * camera.pixels() as f64) as usize;
-        fill_holes(&camera, &mut self.mask, max_hole, &mut self.buffers.visited);
+        self.buffers.holes.fill(camera.width, &mut self.mask, max_hole);
         if self.config.region == RegionShape::Rectangle {
             for object in &self.objects.list {
                 fill_rectangle(camera.width, &object.pixels, &mut self.mask);

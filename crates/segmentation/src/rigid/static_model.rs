@@ -94,9 +94,9 @@ impl StaticModel {
             point.hits *= KEPT_OUTSIDE;
             point.hits >= 1.0 && carry(point, target) == Place::Beside
         });
-        for mut point in self.points.pixels().iter().copied().filter(ModelPoint::is_known) {
-            if carry(&mut point, target) == Place::Beside && point.hits > 1.0 && self.outside.len() < camera.pixels() {
-                self.outside.push(point);
+        for point in self.points.pixels_mut().iter_mut().filter(|p| p.is_known()) {
+            if carry(point, target) == Place::Beside && point.hits > 1.0 && self.outside.len() < camera.pixels() {
+                self.outside.push(*point);
             }
         }
         fill_gaps(camera, target);
@@ -189,15 +189,17 @@ fn place_outside(camera: &Pinhole, [x, y]: [f32; 2]) -> Place {
 /// Fills each empty pixel between two neighbours of the same surface (left and right, or above and below) by their mean.
 fn fill_gaps(camera: &Pinhole, points: &mut [ModelPoint]) {
     let width = camera.width;
-    for i in width..points.len().saturating_sub(width) {
-        let u = i % width;
-        if points[i].is_known() || u == 0 || u + 1 == width {
-            continue;
-        }
-        let across = between(&points[i - 1], &points[i + 1]);
-        if let Some((depth, gray, hits)) = across.or_else(|| between(&points[i - width], &points[i + width])) {
-            let position = camera.unproject(u as f32, (i / width) as f32, depth);
-            points[i] = ModelPoint { position, gray, hits };
+    for v in 1..camera.height.saturating_sub(1) {
+        for u in 1..width.saturating_sub(1) {
+            let i = v * width + u;
+            if points[i].is_known() {
+                continue;
+            }
+            let across = between(&points[i - 1], &points[i + 1]);
+            if let Some((depth, gray, hits)) = across.or_else(|| between(&points[i - width], &points[i + width])) {
+                let position = camera.unproject(u as f32, v as f32, depth);
+                points[i] = ModelPoint { position, gray, hits };
+            }
         }
     }
 }

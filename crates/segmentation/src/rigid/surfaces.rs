@@ -128,36 +128,40 @@ impl Surface {
         (self.columns[1] - self.columns[0] + 1) as f32 * z / camera.fx
     }
 
-    fn add(&mut self, u: u32, z: f32, doubt: Option<f32>) {
+    /// Adds a pixel of column `u` and depth `z`.
+    fn add(&mut self, u: u32, z: f32) {
         let [left, right] = if self.pixels == 0 { [u, u] } else { self.columns };
         self.columns = [left.min(u), right.max(u)];
         self.pixels += 1;
         self.depth += z;
         self.squares += z * z;
-        self.still += u32::from(doubt.is_some());
-        self.doubt += doubt.unwrap_or(0.0);
+    }
+
+    fn forget_standing(&mut self) {
+        let Self { pixels, depth, squares, columns, on_plane, .. } = *self;
+        *self = Self { pixels, depth, squares, columns, on_plane, ..Self::default() };
     }
 }
 
 impl Surfaces {
-    /// Finds the surfaces of a frame. What is known of them follows by [`Self::describe`].
+    /// Finds the surfaces of a frame and their extent. How they stand follows by [`Self::describe`].
     pub(crate) fn find(&mut self, camera: &Pinhole, relief: &Relief<'_>) {
         self.connect(camera.width, relief);
-        self.number(relief);
+        self.number(camera.width, relief);
     }
 
-    /// Measures the surfaces. `doubt` is the share of evidence for motion, `None` for pixels that are known to move.
+    /// Finds how the surfaces stand. `doubt` is the share of evidence for motion, `None` for pixels that are known to move.
     pub(crate) fn describe(&mut self, camera: &Pinhole, relief: &Relief<'_>, doubt: impl Fn(usize) -> Option<f32>) {
-        let width = camera.width;
         for surface in &mut self.list {
-            *surface = Surface { on_plane: surface.on_plane, ..Surface::default() };
+            surface.forget_standing();
         }
-        for (i, &z) in relief.depth.iter().enumerate() {
-            if let Some(surface) = self.list.get_mut(self.labels[i] as usize) {
-                surface.add((i % width) as u32, z, doubt(i));
+        for (i, &label) in self.labels.iter().enumerate() {
+            if let (Some(surface), Some(doubt)) = (self.list.get_mut(label as usize), doubt(i)) {
+                surface.still += 1;
+                surface.doubt += doubt;
             }
         }
-        self.judge_borders(width, relief, &|i| doubt(i).is_some());
+        self.judge_borders(camera.width, relief, &|i| doubt(i).is_some());
     }
 
     /// The surface's pixels.
@@ -186,42 +190,43 @@ impl Surfaces {
         self.labels.clear();
         self.labels.resize(depth.len(), NO_SURFACE);
         let mut joined = (NO_SURFACE, NO_SURFACE);
-        for i in (0..depth.len()).filter(|i| depth[*i] > 0.0) {
-            let run = if i % width > 0 && relief.connects(i, i - 1) {
-                self.labels[i - 1]
-            } else {
-                self.parents.push(self.parents.len() as u32);
-                self.parents.len() as u32 - 1
-            };
-            self.labels[i] = run;
-            if i >= width && relief.connects(i, i - width) {
-                let contact = (run, self.labels[i - width]);
-                // Two runs mostly touch along many pixels.
-                if contact != joined {
-                    join(&mut self.parents, contact.0, contact.1);
-                    joined = contact;
+        for first in (0..depth.len()).step_by(width.max(1)) {
+            for i in (first..first + width).filter(|i| depth[*i] > 0.0) {
+                let run = if i > first && relief.connects(i, i - 1) {
+                    self.labels[i - 1]
+                } else {
+                    self.parents.push(self.parents.len() as u32);
+                    self.parents.len() as u32 - 1
+                };
+                self.labels[i] = run;
+                if i >= width && relief.connects(i, i - width) {
+                    let contact = (run, self.labels[i - width]);
+                    // Two runs mostly touch along many pixels.
+                    if contact != joined {
+                        join(&mut self.parents, contact.0, contact.1);
+                        joined = contact;
+                    }
                 }
             }
         }
     }
 
     /// From indices of runs to surfaces.
-    fn number(&mut self, relief: &Relief<'_>) {
+    fn number(&mut self, width: usize, relief: &Relief<'_>) {
         self.list.clear();
         self.surface_of_run.clear();
         self.surface_of_run.resize(self.parents.len(), NO_SURFACE);
-        for i in 0..self.labels.len() {
-            let run = self.labels[i];
-            if run == NO_SURFACE {
-                continue;
+        for (v, labels) in self.labels.chunks_exact_mut(width.max(1)).enumerate() {
+            for (u, label) in labels.iter_mut().enumerate().filter(|(_, label)| **label != NO_SURFACE) {
+                let i = v * width + u;
+                let first = root(&mut self.parents, *label) as usize;
+                if self.surface_of_run[first] == NO_SURFACE {
+                    self.surface_of_run[first] = self.list.len() as u32;
+                    self.list.push(Surface { on_plane: relief.planes[i] != NO_PLANE, ..Surface::default() });
+                }
+                *label = self.surface_of_run[first];
+                self.list[*label as usize].add(u as u32, relief.depth[i]);
             }
-            // The root of a set is its first run, so it has its surface already.
-            let first = root(&mut self.parents, run) as usize;
-            if self.surface_of_run[first] == NO_SURFACE {
-                self.surface_of_run[first] = self.list.len() as u32;
-                self.list.push(Surface { on_plane: relief.planes[i] != NO_PLANE, ..Surface::default() });
-            }
-            self.labels[i] = self.surface_of_run[first];
         }
     }
 

@@ -108,15 +108,15 @@ impl Territories {
         verdicts
     }
 
-    /// The corner that owns each working pixel, with the pixel.
-    pub(crate) fn owned<'a>(&'a self, camera: &'a Pinhole) -> impl Iterator<Item = (usize, usize)> + 'a {
-        let (columns, width) = (self.size.0, camera.width);
-        let pixels = move |cell: usize| {
-            let first = cell / columns * CELL * width + cell % columns * CELL;
-            (0..CELL * CELL).map(move |k| first + k / CELL * width + k % CELL)
-        };
-        let owned = self.owners.iter().enumerate().filter(|(_, owner)| **owner != NOBODY);
-        owned.flat_map(move |(cell, &owner)| pixels(cell).map(move |pixel| (owner as usize, pixel)))
+    /// Each cell's owner, if any, and working pixels.
+    pub(crate) fn owned<'a>(&'a self, camera: &'a Pinhole) -> impl Iterator<Item = (usize, [usize; CELL * CELL])> + 'a {
+        let width = camera.width;
+        let rows = self.owners.chunks_exact(self.size.0.max(1)).enumerate();
+        let cells = rows.flat_map(|(v, row)| row.iter().enumerate().map(move |(u, owner)| (u, v, *owner)));
+        cells.filter(|(_, _, owner)| *owner != NOBODY).map(move |(u, v, owner)| {
+            let first = v * CELL * width + u * CELL;
+            (owner as usize, std::array::from_fn(|k| first + k / CELL * width + k % CELL))
+        })
     }
 
     fn load(&mut self, camera: &Pinhole, frame: &ViewFrame) {
@@ -152,37 +152,34 @@ impl Territories {
     /// Distances along the surface by raster scans (see [`super::undecided`]).
     fn measure(&mut self, continuity: Continuity) {
         let (columns, cells) = (self.size.0, self.depth.len());
+        let mut ways = Ways {
+            depth: &self.depth,
+            gray: &self.gray,
+            owners: &mut self.owners,
+            distances: &mut self.distances,
+            continuity,
+        };
         for _ in 0..SCANS {
-            for i in 0..cells {
-                if i % columns > 0 {
-                    self.relax(i, i - 1, continuity);
-                }
-                if i >= columns {
-                    self.relax(i, i - columns, continuity);
-                }
-            }
-            for i in (0..cells).rev() {
-                if (i + 1) % columns > 0 {
-                    self.relax(i, i + 1, continuity);
-                }
-                if i + columns < cells {
-                    self.relax(i, i + columns, continuity);
+            for first in (0..cells).step_by(columns.max(1)) {
+                for i in first..first + columns {
+                    if i > first {
+                        ways.relax(i, i - 1);
+                    }
+                    if i >= columns {
+                        ways.relax(i, i - columns);
+                    }
                 }
             }
-        }
-    }
-
-    /// Gives cell `i` to the owner of its neighbour `from` if the way through that is shorter.
-    #[inline]
-    fn relax(&mut self, i: usize, from: usize, continuity: Continuity) {
-        let through = self.distances[from] + 1.0;
-        let shorter = self.owners[from] != NOBODY && through < self.distances[i];
-        if !shorter || !continuity.connects(self.depth[i], self.depth[from]) {
-            return;
-        }
-        let through = through + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[from]));
-        if through < self.distances[i] {
-            (self.owners[i], self.distances[i]) = (self.owners[from], through);
+            for first in (0..cells).step_by(columns.max(1)).rev() {
+                for i in (first..first + columns).rev() {
+                    if i + 1 < first + columns {
+                        ways.relax(i, i + 1);
+                    }
+                    if i + columns < cells {
+                        ways.relax(i, i + columns);
+                    }
+                }
+            }
         }
     }
 
@@ -217,6 +214,31 @@ impl Territories {
                     verdicts[k as usize] = Verdict::Still;
                 }
             }
+        }
+    }
+}
+
+/// The shortest ways to a corner found so far.
+struct Ways<'a> {
+    depth: &'a [f32],
+    gray: &'a [u8],
+    owners: &'a mut [u16],
+    distances: &'a mut [f32],
+    continuity: Continuity,
+}
+
+impl Ways<'_> {
+    /// Gives cell `i` to the owner of its neighbour `from` if the way through that is shorter.
+    #[inline]
+    fn relax(&mut self, i: usize, from: usize) {
+        let through = self.distances[from] + 1.0;
+        let shorter = self.owners[from] != NOBODY && through < self.distances[i];
+        if !shorter || !self.continuity.connects(self.depth[i], self.depth[from]) {
+            return;
+        }
+        let through = through + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[from]));
+        if through < self.distances[i] {
+            (self.owners[i], self.distances[i]) = (self.owners[from], through);
         }
     }
 }
@@ -259,7 +281,9 @@ mod tests {
     #[test]
     fn territories_end_at_depth_edges_and_halfway() {
         let (territories, _) = verdicts(&[corner(10, [0.0; 2]), corner(30, [0.0; 2]), corner(60, [0.0; 2])]);
-        let owner = |u: usize| territories.owned(&CAMERA).find(|(_, i)| *i == 8 * CAMERA.width + u).map(|(k, _)| k);
+        let owner = |u: usize| {
+            territories.owned(&CAMERA).find(|(_, cell)| cell.contains(&(8 * CAMERA.width + u))).map(|(k, _)| k)
+        };
         assert_eq!([2, 18, 24, 38, 42, 70].map(owner), [Some(0), Some(0), Some(1), Some(1), Some(2), Some(2)]);
         assert_eq!(territories.borders, [(0, 1), (1, 2)]);
     }
@@ -267,7 +291,7 @@ mod tests {
     #[test]
     fn an_outline_belongs_to_what_is_in_front() {
         let (territories, _) = verdicts(&[corner(38, [0.0; 2])]);
-        assert!(territories.owned(&CAMERA).all(|(_, i)| i % CAMERA.width >= 40));
+        assert!(territories.owned(&CAMERA).all(|(_, cell)| cell.iter().all(|i| i % CAMERA.width >= 40)));
     }
 
     #[test]

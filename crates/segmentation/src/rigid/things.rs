@@ -24,19 +24,22 @@ const MAX_PLANAR: f32 = 0.8;
 /// Of a large plane, which is rigid, the rest does not move either.
 const MOSTLY_MOVING: f32 = 0.5;
 
-/// For each surface, whether it is a thing on which most corners move on their own.
-pub(crate) fn that_move(surfaces: &Surfaces, camera: &Pinhole, corners: &[CornerMove]) -> Vec<bool> {
+/// For each surface, whether it may be a thing on which most corners move on their own; whether it is a thing, [`are_things`] says.
+pub(crate) fn elect(surfaces: &Surfaces, corners: &[CornerMove]) -> Vec<bool> {
     let mut votes = vec![Votes::default(); surfaces.list.len()];
     for (surface, chi2) in corners.iter().filter_map(|c| Some((surfaces.labels[c.to], c.chi2?))) {
         if let Some(votes) = votes.get_mut(surface as usize) {
             votes.add(chi2);
         }
     }
-    votes
-        .iter()
-        .zip(&surfaces.list)
-        .map(|(votes, surface)| votes.agree_on_motion(surface.pixels) && surface.is_thing(camera, MOVER))
-        .collect()
+    votes.iter().zip(&surfaces.list).map(|(votes, surface)| votes.agree_on_motion(surface.pixels)).collect()
+}
+
+/// Of the surfaces elected, those that are things.
+pub(crate) fn are_things(surfaces: &Surfaces, camera: &Pinhole, elected: &mut [bool]) {
+    for (elected, surface) in elected.iter_mut().zip(&surfaces.list) {
+        *elected = *elected && surface.is_thing(camera, MOVER);
+    }
 }
 
 /// Lets large planes move as a whole or not at all: as a whole if most of one was found to move, all of it `speaks_for_motion`, and it is

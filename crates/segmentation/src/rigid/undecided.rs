@@ -3,7 +3,7 @@
 //! connect it with, the label of the decided pixel at the shortest geodesic distance, found by raster scans (Toivanen, "New geodesic
 //! distance transforms for gray-scale images", Pattern Recognition Letters 1996).
 
-use super::regions::{BACKGROUND, neighbours};
+use super::regions::BACKGROUND;
 use super::view::{Pinhole, ViewFrame};
 
 /// Length that a difference of one grey level adds to a step of one pixel: a contrast of 30 levels is worth a path of 15 pixels.
@@ -38,8 +38,12 @@ pub(crate) struct Undecided {
     labels: Vec<u16>,
     /// Whether a pixel lies on the rim of a label.
     rim: Vec<bool>,
-    /// The pixels to decide.
-    pixels: Vec<u32>,
+    /// Whether it lies beside another label, …
+    beside: Vec<bool>,
+    /// … or near such a pixel of its row.
+    spread: Vec<bool>,
+    /// Column and row of the pixels to decide.
+    pixels: Vec<[u16; 2]>,
 }
 
 impl Undecided {
@@ -55,15 +59,14 @@ impl Undecided {
         (odds, changed): (&[f32], &[Option<bool>]),
         outlines: bool,
     ) -> &[u16] {
-        let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());
+        let (width, depth) = (camera.width, frame.depth.pixels());
         self.labels.clear();
         self.labels.extend_from_slice(labels);
-        self.distances.clear();
         let near = near_objects(depth, labels);
         self.rim.clear();
         self.rim.resize(labels.len(), false);
         if outlines {
-            self.find_rim(camera.width, labels);
+            self.find_rim(width, labels);
         }
         let rim = &self.rim;
         let start = |i: usize| match depth[i] {
@@ -72,60 +75,87 @@ impl Undecided {
             _ if labels[i] == BACKGROUND && odds[i] < CLEARLY_STATIC && changed[i] != Some(true) => AS_FOUND,
             _ => f32::INFINITY,
         };
+        self.distances.clear();
         self.distances.extend((0..depth.len()).map(start));
-        let mut pixels = std::mem::take(&mut self.pixels);
-        pixels.clear();
-        pixels.extend((0..depth.len()).filter(|&i| depth[i] == 0.0 || rim[i]).map(|i| i as u32));
-        for _ in 0..SCANS {
-            for i in pixels.iter().map(|&i| i as usize) {
-                let [left, _, above, _] = neighbours((camera.width, camera.height), i);
-                self.relax(i, left, gray, changed[i]);
-                self.relax(i, above, gray, changed[i]);
-            }
-            for i in pixels.iter().rev().map(|&i| i as usize) {
-                let [_, right, _, below] = neighbours((camera.width, camera.height), i);
-                self.relax(i, right, gray, changed[i]);
-                self.relax(i, below, gray, changed[i]);
-            }
+        self.pixels.clear();
+        for (v, row) in depth.chunks_exact(width.max(1)).enumerate() {
+            let open = row.iter().zip(&rim[v * width..]).enumerate().filter(|(_, (z, rim))| **z == 0.0 || **rim);
+            self.pixels.extend(open.map(|(u, _)| [u as u16, v as u16]));
         }
-        self.pixels = pixels;
+        let (distances, labels) = (&mut self.distances[..], &mut self.labels[..]);
+        let mut paths = Paths { gray: frame.gray.pixels(), changed, distances, labels };
+        for _ in 0..SCANS {
+            paths.scan(&self.pixels, (width, camera.height));
+        }
         &self.labels
     }
 
     /// Marks the pixels around each change of label.
     fn find_rim(&mut self, width: usize, labels: &[u16]) {
-        let changes = |i: usize| {
-            let other = |step: usize| labels.get(i + step).is_some_and(|l| *l != labels[i]);
-            (!(i + 1).is_multiple_of(width) && other(1), other(width))
-        };
-        for i in 0..labels.len() {
-            let (right, below) = changes(i);
-            if right || below {
-                self.mark(width, i);
+        let beside = &mut self.beside;
+        beside.clear();
+        beside.resize(labels.len(), false);
+        for (beside, labels) in beside.chunks_exact_mut(width).zip(labels.chunks_exact(width)) {
+            mark_steps(labels, 1, beside);
+        }
+        mark_steps(labels, width, beside);
+        self.spread.clone_from(beside);
+        for (spread, beside) in self.spread.chunks_exact_mut(width).zip(beside.chunks_exact(width)) {
+            (1..RIM).for_each(|distance| spread_by(beside, distance, spread));
+        }
+        self.rim.clone_from(&self.spread);
+        (1..RIM).for_each(|rows| spread_by(&self.spread, rows * width, &mut self.rim));
+    }
+}
+
+/// Marks both of each two pixels `step` apart that have different labels.
+fn mark_steps(labels: &[u16], step: usize, marks: &mut [bool]) {
+    let differs = || labels.iter().zip(labels.iter().skip(step)).map(|(a, b)| a != b);
+    marks.iter_mut().zip(differs()).for_each(|(mark, differs)| *mark |= differs);
+    marks.iter_mut().skip(step).zip(differs()).for_each(|(mark, differs)| *mark |= differs);
+}
+
+/// Marks what lies `distance` pixels after or before a mark.
+fn spread_by(marks: &[bool], distance: usize, out: &mut [bool]) {
+    out.iter_mut().skip(distance).zip(marks).for_each(|(o, m)| *o |= m);
+    out.iter_mut().zip(marks.iter().skip(distance)).for_each(|(o, m)| *o |= m);
+}
+
+/// The shortest ways found so far.
+struct Paths<'a> {
+    gray: &'a [u8],
+    changed: &'a [Option<bool>],
+    distances: &'a mut [f32],
+    labels: &'a mut [u16],
+}
+
+impl Paths<'_> {
+    /// One scan from above and one from below over pixels in order, each a column and a row.
+    fn scan(&mut self, pixels: &[[u16; 2]], (width, height): (usize, usize)) {
+        let place = |&[u, v]: &[u16; 2]| (usize::from(u), usize::from(v), usize::from(v) * width + usize::from(u));
+        for (u, v, i) in pixels.iter().map(place) {
+            if u > 0 {
+                self.relax(i, i - 1);
             }
-            if right {
-                self.mark(width, i + 1);
+            if v > 0 {
+                self.relax(i, i - width);
             }
-            if below {
-                self.mark(width, i + width);
+        }
+        for (u, v, i) in pixels.iter().rev().map(place) {
+            if u + 1 < width {
+                self.relax(i, i + 1);
+            }
+            if v + 1 < height {
+                self.relax(i, i + width);
             }
         }
     }
 
-    /// Marks the pixels within the rim of a pixel beside another label.
-    fn mark(&mut self, width: usize, i: usize) {
-        let (u, v) = (i % width, i / width);
-        for y in v.saturating_sub(RIM - 1)..(v + RIM).min(self.rim.len() / width) {
-            self.rim[y * width + u.saturating_sub(RIM - 1)..y * width + (u + RIM).min(width)].fill(true);
-        }
-    }
-
-    /// Takes the label of the pixel `from` for the pixel `i` if the way through it is shorter.
+    /// Takes the label of the pixel `j` for the pixel `i` if the way through it is shorter.
     #[inline]
-    fn relax(&mut self, i: usize, from: Option<usize>, gray: &[u8], changed: Option<bool>) {
-        let Some(j) = from else { return };
-        let step = 1.0 + PER_LEVEL * f32::from(gray[i].abs_diff(gray[j]));
-        let contradicted = changed == Some(self.labels[j] == BACKGROUND);
+    fn relax(&mut self, i: usize, j: usize) {
+        let step = 1.0 + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[j]));
+        let contradicted = self.changed[i] == Some(self.labels[j] == BACKGROUND);
         let through = self.distances[j] + if contradicted { CONTRADICTED * step } else { step };
         if through < self.distances[i] {
             self.distances[i] = through;

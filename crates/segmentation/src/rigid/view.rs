@@ -41,18 +41,24 @@ impl Pinhole {
         [self.fx * p[0] * inverse + self.cx, self.fy * p[1] * inverse + self.cy]
     }
 
-    #[inline]
     /// Index of the pixel nearest to `(u, v)`, if inside.
+    #[inline]
     pub(crate) fn nearest(&self, [u, v]: [f32; 2]) -> Option<usize> {
         let (u, v) = (u + 0.5, v + 0.5);
         let inside = u >= 0.0 && v >= 0.0 && u < self.width as f32 && v < self.height as f32;
-        inside.then(|| v as usize * self.width + u as usize)
+        inside.then(|| floor(v) * self.width + floor(u))
     }
 
     /// Number of pixels.
     pub(crate) fn pixels(&self) -> usize {
         self.width * self.height
     }
+}
+
+/// The whole part of a coordinate that is not negative. By way of `i32`, which takes a third of the instructions of a cast to `usize`.
+#[inline]
+pub(crate) fn floor(x: f32) -> usize {
+    x as i32 as usize
 }
 
 /// A rigid motion in single precision, as a matrix.
@@ -72,8 +78,8 @@ impl From<&Pose> for Motion {
 }
 
 impl Motion {
-    #[inline]
     /// The point after the motion.
+    #[inline]
     pub(crate) fn apply(&self, p: [f32; 3]) -> [f32; 3] {
         let row = |i: usize| {
             let r = &self.rotation[i];
@@ -89,6 +95,8 @@ pub(crate) struct View {
     pub(crate) camera: Pinhole,
     /// Camera pixel under each working pixel (position between pixels).
     source: Vec<[f32; 2]>,
+    /// What each working pixel is interpolated from; `None` outside of the camera image.
+    corners: Vec<Option<Corner>>,
     /// Working pixel under each camera pixel.
     target: Vec<u32>,
     source_size: (usize, usize),
@@ -109,10 +117,12 @@ impl View {
     pub(crate) fn new(camera: &Camera) -> Self {
         let factor = (camera.width as f64 / TARGET_WIDTH).round().max(1.0);
         let pinhole = enclosing_pinhole(camera, factor);
-        let source = (0..pinhole.pixels()).map(|i| source_pixel(camera, &pinhole, i)).collect();
+        let source: Vec<_> = (0..pinhole.pixels()).map(|i| source_pixel(camera, &pinhole, i)).collect();
+        let size = (camera.width, camera.height);
+        let corners = source.iter().map(|&[x, y]| Corner::at(x, y, size)).collect();
         let target = (0..camera.width * camera.height).map(|i| target_pixel(camera, &pinhole, i)).collect();
         let rays = (0..pinhole.pixels()).map(|i| pinhole.ray(i)).collect();
-        Self { camera: pinhole, source, target, source_size: (camera.width, camera.height), rays }
+        Self { camera: pinhole, source, corners, target, source_size: size, rays }
     }
 
     /// Resamples a frame: luma bilinearly, depth by the nearest measurement.
@@ -124,26 +134,15 @@ impl View {
         }
         let (gray, depth) = (frame.gray(), frame.depth().image());
         let targets = out.gray.pixels_mut().iter_mut().zip(out.depth.pixels_mut());
-        for ((g, d), &[x, y]) in targets.zip(&self.source) {
-            let Some(corner) = Corner::at(x, y, self.source_size) else {
-                (*g, *d) = (0, 0.0);
-                continue;
-            };
-            *g = corner.interpolate(gray.pixels());
-            *d = corner.nearest_valid(depth.pixels());
+        for ((g, d), corner) in targets.zip(&self.corners) {
+            (*g, *d) =
+                corner.as_ref().map_or((0, 0.0), |c| (c.interpolate(gray.pixels()), c.nearest_valid(depth.pixels())));
         }
     }
 
-    /// Raises a mask in the working view to camera resolution.
+    /// Raises a mask in the working view to the resolution of the camera, which is that of `out`.
     pub(crate) fn enlarge(&self, small: &[u8], out: &mut Mask) {
-        let (width, height) = self.source_size;
-        let mut image = Image::filled(width, height, Mask::STATIC);
-        for (m, &index) in image.pixels_mut().iter_mut().zip(&self.target) {
-            if index != OUTSIDE {
-                *m = small[index as usize];
-            }
-        }
-        *out = Mask::from_image(image);
+        out.assign(self.target.iter().map(|&i| small.get(i as usize).is_some_and(|&m| m != Mask::STATIC)));
     }
 
     /// Camera pixel under working pixel `index`.
@@ -171,10 +170,14 @@ impl View {
 }
 
 /// The four camera pixels around a position.
+#[derive(Clone, Copy, Debug)]
 struct Corner {
-    index: usize,
-    right: usize,
-    down: usize,
+    /// Of the upper left one.
+    index: u32,
+    /// From there to the right one, …
+    right: u32,
+    /// … and to the lower one; 0 at the border of the image.
+    down: u32,
     fraction: [f32; 2],
 }
 
@@ -186,16 +189,16 @@ impl Corner {
         }
         let (u, v) = (x.max(0.0) as usize, y.max(0.0) as usize);
         Some(Self {
-            index: v * width + u,
-            right: usize::from(u + 1 < width),
-            down: if v + 1 < height { width } else { 0 },
+            index: (v * width + u) as u32,
+            right: u32::from(u + 1 < width),
+            down: if v + 1 < height { width as u32 } else { 0 },
             fraction: [(x - u as f32).max(0.0), (y - v as f32).max(0.0)],
         })
     }
 
     fn indices(&self) -> [usize; 4] {
         let i = self.index;
-        [i, i + self.right, i + self.down, i + self.right + self.down]
+        [i, i + self.right, i + self.down, i + self.right + self.down].map(|i| i as usize)
     }
 
     fn interpolate(&self, gray: &[u8]) -> u8 {
@@ -209,7 +212,7 @@ impl Corner {
     fn nearest_valid(&self, depth: &[f32]) -> f32 {
         let [x, y] = self.fraction;
         let nearest = self.index + if x > 0.5 { self.right } else { 0 } + if y > 0.5 { self.down } else { 0 };
-        let first = depth[nearest];
+        let first = depth[nearest as usize];
         if first > 0.0 {
             return first;
         }
