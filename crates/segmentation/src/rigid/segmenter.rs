@@ -18,7 +18,7 @@ use super::regions::{BACKGROUND, Component, HoleFiller, components, dilate, fill
 use super::report;
 use super::static_model::StaticModel;
 use super::surfaces::{Relief, Surfaces};
-use super::territories::{Territories, Verdict};
+use super::territories::{self, Territories, Verdict};
 use super::things;
 use super::undecided::Undecided;
 use super::view::{Motion, View, ViewFrame};
@@ -312,12 +312,15 @@ impl RigidSegmenter {
     /// Adds evidence around corners that move together, and against motion around the still ones beside them. The fewer earlier
     /// frames there are to compare with, the more corners say.
     fn blame_territories(&mut self, corners: &[CornerMove]) {
-        let camera = self.view.camera;
+        let (camera, sigma) = (self.view.camera, WARP_SIGMA + WARP_SIGMA_PER_PIXEL * self.flow);
+        if !territories::enough_move(corners, sigma) {
+            return;
+        }
         let span = self.history.front().zip(self.history.back()).map_or(0.0, |(new, old)| new.time - old.time);
         let unknown = (1.0 - span / self.config.older_reference_age).clamp(0.0, 1.0) as f32;
         let moving = MOVING_CORNERS + (MOVING_CORNERS_ALONE - MOVING_CORNERS) * unknown;
         self.territories.divide(&camera, &self.noise, &self.current, corners);
-        let verdicts = self.territories.verdicts(corners, WARP_SIGMA + WARP_SIGMA_PER_PIXEL * self.flow);
+        let verdicts = self.territories.verdicts(corners, sigma);
         for (corner, pixels) in self.territories.owned(&camera) {
             match verdicts[corner] {
                 Verdict::Silent => {}

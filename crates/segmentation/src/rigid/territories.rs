@@ -83,10 +83,7 @@ impl Territories {
 
     /// What each corner says; `sigma`: of a still corner's place, pixels.
     pub(crate) fn verdicts(&self, corners: &[CornerMove], sigma: f32) -> Vec<Verdict> {
-        let moves = |k: u16| {
-            let CornerMove { residual: [x, y], chi2, .. } = corners[k as usize];
-            chi2.is_some() && x.hypot(y) > MOVES_SIGMAS * sigma
-        };
+        let moves = |k: u16| moves(&corners[k as usize], sigma);
         let mut groups: Vec<u32> = (0..corners.len() as u32).collect();
         for &(a, b) in self.borders.iter().filter(|(a, b)| moves(*a) && moves(*b)) {
             if move_alike(&corners[a as usize], &corners[b as usize]) {
@@ -241,6 +238,15 @@ impl Ways<'_> {
             (self.owners[i], self.distances[i]) = (self.owners[from], through);
         }
     }
+}
+
+/// Whether enough corners leave the camera motion that some may be a mover; `sigma` as in [`Territories::verdicts`].
+pub(crate) fn enough_move(corners: &[CornerMove], sigma: f32) -> bool {
+    corners.iter().filter(|corner| moves(corner, sigma)).count() >= MIN_GROUP as usize
+}
+
+fn moves(&CornerMove { residual: [x, y], chi2, .. }: &CornerMove, sigma: f32) -> bool {
+    chi2.is_some() && x.hypot(y) > MOVES_SIGMAS * sigma
 }
 
 fn move_alike(a: &CornerMove, b: &CornerMove) -> bool {
