@@ -39,8 +39,8 @@ pub struct ParticleFilter {
     rng: Pcg64Mcg,
 }
 
-/// Share of particles drawn anew from the whole image at each resampling, so that a new mover is found.
-const SCOUTS: f64 = 0.1;
+/// One particle of this many is drawn anew from the whole image in every frame, so that a new mover is found wherever it appears.
+const SCOUT_EVERY: usize = 10;
 
 impl ParticleFilter {
     /// Particles spread uniformly over an image of `width × height` pixels (algorithm 2, steps 0 and 1).
@@ -76,7 +76,8 @@ impl ParticleFilter {
         Particle { x, y, vx: 0.0, vy: 0.0 }
     }
 
-    /// Moves the particles by `dt` seconds (step 2, Eq. 5).
+    /// Moves the particles by `dt` seconds (step 2, Eq. 5). What leaves the image is drawn anew: without evidence all would gather at its
+    /// border.
     pub fn predict(&mut self, dt: f64) {
         let dt = dt as f32;
         let (position, velocity) = (self.config.position_sigma as f32, self.config.velocity_sigma as f32);
@@ -85,10 +86,13 @@ impl ParticleFilter {
             let [a, b] = gaussian_pair(&mut self.rng);
             let [c, d] = gaussian_pair(&mut self.rng);
             let p = &mut self.particles[i];
-            p.x = (p.x + p.vx * dt + position * a).clamp(0.0, width - 1.0);
-            p.y = (p.y + p.vy * dt + position * b).clamp(0.0, height - 1.0);
+            p.x += p.vx * dt + position * a;
+            p.y += p.vy * dt + position * b;
             p.vx += velocity * c;
             p.vy += velocity * d;
+            if !((0.0..width).contains(&p.x) && (0.0..height).contains(&p.y)) {
+                self.particles[i] = self.scout();
+            }
         }
     }
 
@@ -128,11 +132,15 @@ impl ParticleFilter {
         1.0 / self.weights.iter().map(|w| w * w).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
-    /// Resamples when too few particles carry the weight (step 4): systematic resampling (Kitagawa 1996), plus scouts.
+    /// Resamples when too few particles carry the weight (step 4): systematic resampling (Kitagawa 1996). Scouts are sent in any case.
     pub fn resample(&mut self) {
-        if self.effective() >= self.config.resample_below * self.particles.len() as f64 {
-            return;
+        if self.effective() < self.config.resample_below * self.particles.len() as f64 {
+            self.draw_by_weight();
         }
+        self.send_scouts();
+    }
+
+    fn draw_by_weight(&mut self) {
         let n = self.particles.len();
         let mut position = self.rng.random::<f64>() / n as f64;
         let mut cumulative = 0.0;
@@ -147,12 +155,11 @@ impl ParticleFilter {
         self.spare.resize(n, self.particles[n - 1]);
         std::mem::swap(&mut self.particles, &mut self.spare);
         self.weights.fill(1.0 / n as f64);
-        self.send_scouts();
     }
 
     fn send_scouts(&mut self) {
-        let every = (1.0 / SCOUTS) as usize;
-        for i in (0..self.particles.len()).step_by(every) {
+        let first = self.rng.random_range(0..SCOUT_EVERY);
+        for i in (first..self.particles.len()).step_by(SCOUT_EVERY) {
             self.particles[i] = self.scout();
         }
     }
@@ -219,6 +226,19 @@ mod tests {
         assert!((mean.x - 100.0).abs() < 6.0 && (mean.y - 75.0).abs() < 5.0);
         assert!((covariance[(0, 0)] / (200.0 * 200.0 / 12.0) - 1.0).abs() < 0.15);
         assert!((filter.effective() - 1000.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn particles_stay_spread_where_there_is_no_evidence() {
+        let mut filter = ParticleFilter::new((200, 150), ParticleConfig::default(), 7);
+        for _ in 0..300 {
+            filter.advance(1.0 / 30.0, |_| 0.0);
+        }
+        let share = |holds: fn(&&Particle) -> bool| filter.particles().iter().filter(holds).count() as f64 / 1000.0;
+        let centre = share(|p| (50.0..150.0).contains(&p.x) && (37.5..112.5).contains(&p.y));
+        let border = share(|p| p.x < 5.0 || p.x >= 195.0 || p.y < 5.0 || p.y >= 145.0);
+        // Of a uniform distribution a quarter and 11 % lie there.
+        assert!((0.2..0.4).contains(&centre) && border < 0.12, "{centre} {border}");
     }
 
     #[test]

@@ -57,10 +57,10 @@ pub(crate) fn strengths(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> [f32; Cue
 
 /// Log-odds from which a region is believed, if `agreement` is the share of the corners that follow the camera.
 pub(crate) fn limit(supported: bool, agreement: f32) -> f32 {
-    match supported {
-        true => SUPPORTED,
-        false if agreement > CERTAIN_AGREEMENT => ALONE,
-        false => UNCERTAIN,
+    match (supported, agreement > CERTAIN_AGREEMENT) {
+        (true, true) => SUPPORTED,
+        (true, false) | (false, true) => ALONE,
+        (false, false) => UNCERTAIN,
     }
 }
 

@@ -127,7 +127,7 @@ const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
 const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
 /// Particles gather on a region at this many times their mean density, …
-const MIN_DENSITY: f64 = 0.5;
+const MIN_DENSITY: f64 = 1.5;
 /// … or are at least this share of all.
 const MAX_SUPPORT: f64 = 0.2;
 /// A region of which this share surely stands before the static model has come in, whether or not particles have.
