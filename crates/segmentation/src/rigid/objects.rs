@@ -81,6 +81,16 @@ impl Objects {
     }
 }
 
+/// Where a component comes from, by index of the last frame's object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Origin {
+    /// It is that object.
+    Same(usize),
+    /// It has parted from that object, whose history is its own as well.
+    PartOf(usize),
+    New,
+}
+
 /// A surface keeps its label only where depth changed by less than this from frame to frame, metres: at 30 Hz nothing in a room
 /// comes nearer by 3 m/s.
 const MAX_DEPTH_STEP: f32 = 0.1;
@@ -174,16 +184,12 @@ impl Objects {
 
     /// Matches new components with the objects they continue.
     pub(crate) fn update(&mut self, components: Vec<Component>, motion: &[f32], now: f64) {
-        let mut taken = vec![false; self.list.len()];
+        let origins = self.origins(&components);
         let mut next = Vec::with_capacity(components.len());
-        for (k, component) in components.into_iter().enumerate() {
+        for (k, (component, origin)) in components.into_iter().zip(origins).enumerate() {
             let evidence: f32 = component.pixels.iter().map(|&i| motion[i as usize].min(1.0)).sum();
             let moving = evidence / component.pixels.len() as f32;
-            let known = self.best_match(&component, &taken);
-            if let Some(m) = known {
-                taken[m] = true;
-            }
-            next.push(self.continued(known, component, k as u16 + 1, moving, now));
+            next.push(self.continued(origin, component, k as u16 + 1, moving, now));
         }
         self.list = next;
         self.labels.fill(BACKGROUND);
@@ -274,21 +280,40 @@ impl Objects {
         carried * CONTINUED_PART > component.pixels.len()
     }
 
-    /// The old object that most of the component's carried pixels belong to.
-    fn best_match(&self, component: &Component, taken: &[bool]) -> Option<usize> {
+    /// Where each component comes from: the old object that most of its carried pixels belong to. Of several the one with the most pixels
+    /// is that object, the others were part of it.
+    fn origins(&self, components: &[Component]) -> Vec<Origin> {
+        let votes: Vec<Option<(usize, usize)>> = components.iter().map(|c| self.best_match(c)).collect();
+        let winner = |object: usize| {
+            let rivals = votes.iter().enumerate().filter(|(_, v)| v.is_some_and(|(m, _)| m == object));
+            rivals.max_by_key(|(k, v)| (v.map(|(_, count)| count), std::cmp::Reverse(*k))).map(|(k, _)| k)
+        };
+        let origin = |(k, vote): (usize, &Option<(usize, usize)>)| match *vote {
+            Some((object, _)) if winner(object) == Some(k) => Origin::Same(object),
+            Some((object, _)) => Origin::PartOf(object),
+            None => Origin::New,
+        };
+        votes.iter().enumerate().map(origin).collect()
+    }
+
+    /// The old object that most of the component's carried pixels belong to, and how many.
+    fn best_match(&self, component: &Component) -> Option<(usize, usize)> {
         let most = self.list.iter().map(|o| o.label).max()?;
         let mut votes = vec![0_usize; most as usize + 1];
         for &i in &component.pixels {
             votes[self.carried[i as usize] as usize] += 1;
         }
-        let votes_of = |m: usize| votes[self.list[m].label as usize];
-        (0..self.list.len()).filter(|&m| !taken[m] && votes_of(m) > 0).max_by_key(|&m| votes_of(m))
+        let of = self.list.iter().map(|object| votes[object.label as usize]).enumerate();
+        of.filter(|(_, count)| *count > 0).max_by_key(|&(_, count)| count)
     }
 
-    fn continued(&mut self, known: Option<usize>, c: Component, label: u16, moving: f32, now: f64) -> Object {
-        let old = known.map(|m| &self.list[m]);
-        let id = old.map_or(self.next_id, |o| o.id);
-        if old.is_none() {
+    fn continued(&mut self, origin: Origin, c: Component, label: u16, moving: f32, now: f64) -> Object {
+        let (old, id) = match origin {
+            Origin::Same(m) => (Some(&self.list[m]), self.list[m].id),
+            Origin::PartOf(m) => (Some(&self.list[m]), self.next_id),
+            Origin::New => (None, self.next_id),
+        };
+        if id == self.next_id {
             self.next_id += 1;
         }
         let last_motion = if moving > MOVING_SHARE { now } else { old.map_or(now, |o| o.last_motion) };
