@@ -20,11 +20,11 @@ const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9];
 const SUPPORTED: f32 = -0.3;
 /// … any other, …
 const ALONE: f32 = 0.5;
-/// … and any other where the camera motion is uncertain.
+/// … and each where the camera motion is uncertain: particles gather on what that feigns as well.
 const UNCERTAIN: f32 = 1.8;
-/// Less than this share of the corners follows the camera where its motion is uncertain. In a static scene it is nine in ten, and less
-/// where the camera turns so fast that rolling shutter and blur bend the image.
-const CERTAIN_AGREEMENT: f32 = 0.85;
+/// Less than this share of the corners elsewhere follows the camera where its motion is uncertain: it turns so fast that rolling shutter
+/// and blur bend the image.
+const CERTAIN_AGREEMENT: f32 = 0.9;
 
 /// Strength of a cue of depth from which a region has come to where it is: a clear difference on one pixel in a hundred.
 const DEPTH_SPEAKS: f32 = 0.05;
@@ -55,12 +55,13 @@ pub(crate) fn strengths(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> [f32; Cue
     sums.map(|sum| sum / (sum + HALF * pixels.len() as f32))
 }
 
-/// Log-odds from which a region is believed, if `agreement` is the share of the corners that follow the camera.
+/// Log-odds from which a region is believed, if `agreement` is the share of the corners beside it and beside known movers that
+/// follow the camera.
 pub(crate) fn limit(supported: bool, agreement: f32) -> f32 {
-    match (supported, agreement > CERTAIN_AGREEMENT) {
-        (true, true) => SUPPORTED,
-        (true, false) | (false, true) => ALONE,
-        (false, false) => UNCERTAIN,
+    match supported {
+        _ if agreement < CERTAIN_AGREEMENT => UNCERTAIN,
+        true => SUPPORTED,
+        false => ALONE,
     }
 }
 
@@ -133,6 +134,7 @@ mod tests {
             (Cue::OtherTexture, 0.05),
             (Cue::SameTexture, 0.05),
         ]);
-        assert!(doubtful > limit(false, 0.9) && doubtful < limit(false, 0.7), "{doubtful}");
+        assert!(doubtful > limit(false, 0.95) && doubtful < limit(false, 0.7), "{doubtful}");
+        assert_eq!(limit(true, 0.7), limit(false, 0.7), "particles gather on what the wrong motion feigns as well");
     }
 }

@@ -39,9 +39,9 @@ pub(crate) struct MotionEstimate {
 }
 
 impl MotionEstimate {
-    /// Share of the corners with depth that follow the camera, of those whose pixel in the previous frame `counts`.
-    pub(crate) fn agreement(&self, counts: impl Fn(usize) -> bool) -> f32 {
-        let judged = || self.corners.iter().filter(|c| counts(c.from)).filter_map(|c| c.chi2);
+    /// Share of the corners with depth that follow the camera, of those that `count`.
+    pub(crate) fn agreement(&self, count: impl Fn(&CornerMove) -> bool) -> f32 {
+        let judged = || self.corners.iter().filter(|c| count(c)).filter_map(|c| c.chi2);
         judged().filter(|chi2| *chi2 < INLIER_CHI2).count() as f32 / judged().count().max(1) as f32
     }
 }
@@ -185,7 +185,7 @@ mod tests {
         let corners = vec![corner(0, Some(1.0)), corner(1, Some(100.0)), corner(2, None), corner(3, Some(2.0))];
         let estimate = MotionEstimate { motion: FrameMotion::none(false), corners, flow: 0.0 };
         assert_eq!(estimate.agreement(|_| true), 2.0 / 3.0, "a corner without depth has no say");
-        assert_eq!(estimate.agreement(|from| from != 1), 1.0, "nor has one on a known mover");
+        assert_eq!(estimate.agreement(|c| c.from != 1), 1.0, "nor has one on a known mover");
         assert_eq!(estimate.agreement(|_| false), 0.0);
     }
 }

@@ -91,9 +91,8 @@ enum Origin {
     New,
 }
 
-/// A surface keeps its label only where depth changed by less than this from frame to frame, metres: at 30 Hz nothing in a room
-/// comes nearer by 3 m/s.
-const MAX_DEPTH_STEP: f32 = 0.1;
+/// A surface keeps its label only where depth changed more slowly than this, metres per second: nothing in a room comes nearer as fast.
+const MAX_APPROACH: f32 = 3.0;
 /// Log-odds of pixels that belong to an object only because the rest of its surface does.
 const COMPLETED_ODDS: f32 = 0.8;
 /// Liveliness from which weak evidence against motion counts fully: all of such an object is seen to move, what does not was
@@ -161,8 +160,9 @@ impl Objects {
         }
     }
 
-    /// Carries the labels into the current frame: each object by its own image motion.
+    /// Carries the labels into the current frame, `dt` seconds later: each object by its own image motion.
     pub(crate) fn carry(&mut self, camera: &Pinhole, previous: &[f32], current: &[f32], dt: f64) {
+        let largest_step = MAX_APPROACH * dt as f32;
         self.carried.fill(BACKGROUND);
         let labels = self.list.iter().map(|o| o.label as usize + 1).max().unwrap_or(0);
         self.confidences.clear();
@@ -174,7 +174,7 @@ impl Objects {
                 let (u, v) = ((i as usize % camera.width) as f32 + dx, (i as usize / camera.width) as f32 + dy);
                 let Some(j) = camera.nearest([u, v]) else { continue };
                 let (from, to) = (previous[i as usize], current[j]);
-                if from == 0.0 || to == 0.0 || (from - to).abs() < MAX_DEPTH_STEP {
+                if from == 0.0 || to == 0.0 || (from - to).abs() < largest_step {
                     self.carried[j] = object.label;
                     self.carried_odds[j] = self.odds[i as usize];
                 }

@@ -54,8 +54,6 @@ pub(crate) struct RigidSegmenter {
     last_time: f64,
     /// Image motion since the previous frame, pixels.
     flow: f32,
-    /// Share of the corners, known movers aside, that follow the camera.
-    agreement: f32,
     failures: usize,
     /// Frames processed, which sets the pixels that are compared.
     frames: usize,
@@ -92,6 +90,8 @@ struct Buffers {
     conductance: Conductance,
     range: [Vec<f32>; 2],
     visited: Vec<bool>,
+    /// Which new region each pixel lies in, from 1 on.
+    candidates: Vec<u16>,
     holes: HoleFiller,
     spare_mask: Vec<u8>,
 }
@@ -127,9 +127,9 @@ const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
 const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
 /// Particles gather on a region at this many times their mean density, …
-const MIN_DENSITY: f64 = 1.5;
+const MIN_DENSITY: f64 = 4.0;
 /// … or are at least this share of all.
-const MAX_SUPPORT: f64 = 0.2;
+const MAX_SUPPORT: f64 = 0.5;
 /// A region of which this share surely stands before the static model has come in, whether or not particles have.
 const INTRUSION: f32 = 0.4;
 /// Something that hardly ever moved rests after this share of the time that an established mover takes.
@@ -159,7 +159,6 @@ impl RigidSegmenter {
             objects: Objects::default(),
             last_time: 0.0,
             flow: 0.0,
-            agreement: 0.0,
             failures: 0,
             frames: 0,
             buffers: Buffers::default(),
@@ -216,7 +215,7 @@ impl RigidSegmenter {
         timing.measure("evidence", || self.gather(&estimate, dt, time));
         timing.measure("diffusion", || self.diffuse());
         timing.measure("particles", || self.follow(dt));
-        timing.measure("regions", || self.extract(time));
+        timing.measure("regions", || self.extract(&estimate, time));
         timing.measure("model", || self.update_model());
         timing.measure("remember", || self.remember(time))?;
         Ok(self.flooded().map_or(Outcome::Done, Outcome::Failed))
@@ -249,7 +248,6 @@ impl RigidSegmenter {
             reference.motion = reference.motion.then(&estimate.motion);
         }
         self.flow = estimate.flow;
-        self.agreement = estimate.agreement(|from| self.objects.labels[from] == BACKGROUND);
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
         if self.config.temporal {
@@ -421,10 +419,12 @@ impl RigidSegmenter {
         }
     }
 
-    /// What the cues say together of a component that continues no object. Less is asked where, if configured, more particles have
+    /// What the cues say together of the `k`th component that continues no object. Less is asked where, if configured, more particles have
     /// gathered than chance would put there, or where a good part surely stands before the static model. What
     /// moves on a large plane that stays where it is is a reflection, or a picture on a screen.
-    fn judge(&self, component: &Component) -> NewRegion {
+    fn judge(&self, k: usize, component: &Component, estimate: &MotionEstimate) -> NewRegion {
+        let (labels, candidates) = (&self.objects.labels, &self.buffers.candidates);
+        let agreement = estimate.agreement(|c| labels[c.from] == BACKGROUND && candidates[c.to] != k as u16 + 1);
         let count = component.pixels.len();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
         let share = count as f64 / self.view.camera.pixels() as f64;
@@ -439,7 +439,7 @@ impl RigidSegmenter {
         NewRegion {
             pixels,
             cues,
-            believed: credibility::log_odds(&cues) > credibility::limit(supported, self.agreement) && !reflection,
+            believed: credibility::log_odds(&cues) > credibility::limit(supported, agreement) && !reflection,
         }
     }
 
@@ -458,13 +458,14 @@ impl RigidSegmenter {
     }
 
     /// Forms regions and continues objects.
-    fn extract(&mut self, time: f64) {
+    fn extract(&mut self, estimate: &MotionEstimate, time: f64) {
         let camera = self.view.camera;
         let b = &mut self.buffers;
         let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
         let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
         let (mut found, new): (Vec<_>, Vec<_>) = found.into_iter().partition(|c| self.objects.continues(c));
-        self.new_regions = new.iter().map(|component| self.judge(component)).collect();
+        mark(&new, camera.pixels(), &mut b.candidates);
+        self.new_regions = new.iter().enumerate().map(|(k, component)| self.judge(k, component, estimate)).collect();
         let believed = new.into_iter().zip(&self.new_regions).filter(|(_, judged)| judged.believed);
         found.extend(believed.map(|(component, _)| component));
         self.objects.update(found, &self.field.motion, time);
@@ -567,6 +568,15 @@ impl RigidSegmenter {
     fn flooded(&self) -> Option<FailOpenReason> {
         let share = self.mask.iter().filter(|&&m| m != 0).count() as f64 / self.mask.len().max(1) as f64;
         (self.config.fail_open && share > self.config.max_mask_share).then_some(FailOpenReason::MaskTooLarge { share })
+    }
+}
+
+/// Marks the pixels of each component by its index, from 1 on; the others are 0.
+fn mark(components: &[Component], pixels: usize, out: &mut Vec<u16>) {
+    out.clear();
+    out.resize(pixels, 0);
+    for (component, mark) in components.iter().zip(1..) {
+        component.pixels.iter().for_each(|&i| out[i as usize] = mark);
     }
 }
 
