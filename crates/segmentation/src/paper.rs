@@ -182,7 +182,7 @@ const SMOOTHED_SHARE: f32 = 0.5;
 const BORDER_SAMPLING: usize = 5;
 
 fn region(id: u32, contour: &Contour, interval: [f32; 2], members: &[Particle]) -> DynamicRegion {
-    let (mean, covariance) = statistics(members.iter());
+    let (mean, covariance) = statistics(members);
     let Contour { x, y, width, height, .. } = *contour;
     DynamicRegion {
         id,

@@ -176,11 +176,11 @@ fn gaussian_pair(rng: &mut Pcg64Mcg) -> [f32; 2] {
 }
 
 /// Mean and covariance of particle states; zero for no particles.
-pub fn statistics<'a>(particles: impl Iterator<Item = &'a Particle> + Clone) -> (Vector4<f64>, Matrix4<f64>) {
+pub fn statistics(particles: &[Particle]) -> (Vector4<f64>, Matrix4<f64>) {
     let state = |p: &Particle| Vector4::new(p.x, p.y, p.vx, p.vy).map(f64::from);
-    let count = particles.clone().count().max(1) as f64;
-    let mean = particles.clone().map(state).sum::<Vector4<f64>>() / count;
-    let spread = particles.map(|p| state(p) - mean);
+    let count = particles.len().max(1) as f64;
+    let mean = particles.iter().map(state).sum::<Vector4<f64>>() / count;
+    let spread = particles.iter().map(|p| state(p) - mean);
     (mean, spread.map(|d| d * d.transpose()).sum::<Matrix4<f64>>() / count)
 }
 
@@ -209,10 +209,11 @@ mod tests {
             filter.weigh(&disc(40.0 + 4.0 * frame as f32, 70.0), 1.0);
             filter.resample();
         }
-        let near = filter.particles().iter().filter(|p| (p.x - 156.0).hypot(p.y - 70.0) < 25.0);
-        let share = near.clone().count() as f64 / 1000.0;
+        let near = |p: &&Particle| (p.x - 156.0).hypot(p.y - 70.0) < 25.0;
+        let near: Vec<Particle> = filter.particles().iter().filter(near).copied().collect();
+        let share = near.len() as f64 / 1000.0;
         assert!(share > 0.75, "{share}");
-        let (mean, covariance) = statistics(near);
+        let (mean, covariance) = statistics(&near);
         assert!((mean.x - 156.0).abs() < 5.0 && (mean.y - 70.0).abs() < 5.0, "{mean}");
         assert!(mean[2] > 50.0 && mean[2] < 190.0, "120 pixels per second, got {}", mean[2]);
         assert!(covariance[(0, 0)] > 1.0 && covariance[(0, 0)] < 250.0);
@@ -221,7 +222,7 @@ mod tests {
     #[test]
     fn uniform_particles_cover_the_image() {
         let filter = ParticleFilter::new((200, 150), ParticleConfig::default(), 1);
-        let (mean, covariance) = statistics(filter.particles().iter());
+        let (mean, covariance) = statistics(filter.particles());
         // A uniform variable on [0, L] has mean L/2 and variance L²/12.
         assert!((mean.x - 100.0).abs() < 6.0 && (mean.y - 75.0).abs() < 5.0);
         assert!((covariance[(0, 0)] / (200.0 * 200.0 / 12.0) - 1.0).abs() < 0.15);

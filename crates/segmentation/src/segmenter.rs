@@ -1,6 +1,6 @@
 //! The entry point: one frame in, one mask out, by the configured mode.
 
-use pfd_geometry::{Camera, Mask, RgbdFrame, StageTimes};
+use pfd_geometry::{Camera, Mask, RgbdFrame, StageTimes, Stamp};
 
 use crate::config::{Mode, SegmentationConfig};
 use crate::paper::PaperSegmenter;
@@ -15,6 +15,8 @@ pub struct Segmenter {
     config: SegmentationConfig,
     seed: u64,
     engine: Engine,
+    /// Stamp of the last frame.
+    last: Option<Stamp>,
 }
 
 #[derive(Debug)]
@@ -45,16 +47,19 @@ impl Segmenter {
         config.check()?;
         pfd_vision::use_single_thread()?;
         let engine = Engine::new(&camera, mode, config, seed);
-        Ok(Self { camera, mode, config: config.clone(), seed, engine })
+        Ok(Self { camera, mode, config: config.clone(), seed, engine, last: None })
     }
 
-    /// Segments one frame.
+    /// Segments one frame. One that is older than the last begins anew: a recording that repeats, or a clock that was set back.
     ///
     /// # Errors
     /// [`SegmentationError::Frame`] when the frame is not of the camera's size; [`SegmentationError::Vision`] when an image
     /// operation fails.
     pub fn segment(&mut self, frame: &RgbdFrame) -> Result<Segmentation, SegmentationError> {
         frame.check_camera(&self.camera)?;
+        if self.last.replace(frame.stamp()).is_some_and(|last| frame.stamp() < last) {
+            self.start_anew();
+        }
         let time = frame.stamp().as_secs_f64();
         let mut result = Segmentation {
             stamp: frame.stamp(),
@@ -86,6 +91,11 @@ impl Segmenter {
 
     /// Forgets everything, as if no frame had been seen.
     pub fn reset(&mut self) {
+        self.last = None;
+        self.start_anew();
+    }
+
+    fn start_anew(&mut self) {
         self.engine = Engine::new(&self.camera, self.mode, &self.config, self.seed);
     }
 }

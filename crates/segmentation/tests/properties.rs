@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // helpers of tests may panic: that is how tests fail
 
 use pfd_geometry::{Camera, DepthImage, Distortion, Image, RgbdFrame, Stamp};
-use pfd_segmentation::{Mode, Segmentation, SegmentationConfig, SegmentationError, Segmenter, Status};
+use pfd_segmentation::{FailOpenReason, Mode, Segmentation, SegmentationConfig, SegmentationError, Segmenter, Status};
 use proptest::prelude::*;
 
 const WIDTH: usize = 320;
@@ -165,6 +165,64 @@ fn reset_is_a_new_start() {
 }
 
 #[test]
+fn a_frame_older_than_the_last_begins_anew() {
+    for mode in [Mode::Pfd, Mode::Paper] {
+        let mut segmenter = segmenter(mode);
+        let mut status = |frame| segmenter.segment(&scene(frame, None)).unwrap().status;
+        assert_eq!([5, 6, 7].map(&mut status)[0], Status::FirstFrame);
+        assert_eq!([2, 3].map(status), [Status::FirstFrame, Status::Segmented], "{mode}");
+    }
+}
+
+/// What a covered lens shows.
+fn darkness(frame: usize) -> RgbdFrame {
+    let depth = DepthImage::from_metres(Image::filled(WIDTH, HEIGHT, 0.0));
+    RgbdFrame::new(stamp(frame), Image::filled(WIDTH, HEIGHT, [3; 3]), depth).unwrap()
+}
+
+#[test]
+fn nothing_is_compared_with_a_covered_lens() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    segmenter.segment(&scene(0, None)).unwrap();
+    for frame in 1..12 {
+        let result = segmenter.segment(&darkness(frame)).unwrap();
+        assert!(matches!(result.status, Status::FailedOpen(_)) && result.mask.fraction() == 0.0, "frame {frame}");
+    }
+    let mut status = |frame| segmenter.segment(&scene(frame, None)).unwrap().status;
+    assert_eq!([12, 13].map(&mut status), [Status::FirstFrame, Status::Segmented]);
+}
+
+#[test]
+fn a_mask_that_is_not_believed_leaves_nothing_behind() {
+    let mut config = SegmentationConfig::default();
+    config.pfd.max_mask_share = 0.08;
+    let mut segmenter = Segmenter::new(camera(WIDTH, HEIGHT), Mode::Pfd, &config, 1).unwrap();
+    (0..10).for_each(|frame| drop(segmenter.segment(&scene(frame, None)).unwrap()));
+    let came_in: Vec<Segmentation> =
+        (10..14).map(|frame| segmenter.segment(&scene(frame, Some(8 * frame))).unwrap()).collect();
+    let refused = |r: &Segmentation| matches!(r.status, Status::FailedOpen(FailOpenReason::MaskTooLarge { .. }));
+    assert!(came_in.iter().any(refused), "the box covers a tenth of the image");
+    assert!(came_in.iter().filter(|r| refused(r)).all(|r| r.mask.fraction() == 0.0 && r.regions.is_empty()));
+    let after = segmenter.segment(&scene(14, None)).unwrap();
+    assert_eq!((after.status, after.mask.fraction()), (Status::Segmented, 0.0));
+}
+
+#[test]
+fn the_published_modes_mask_what_moves() {
+    for (mode, least) in [(Mode::Paper, 0.6), (Mode::Single, 0.6), (Mode::Flow, 0.02)] {
+        let mut segmenter = segmenter(mode);
+        let recalls: Vec<f64> = (0..25)
+            .map(|frame| {
+                let x = 20 + 6 * frame;
+                score(&segmenter.segment(&scene(frame, Some(x))).unwrap(), x).0
+            })
+            .collect();
+        let mean = recalls[10..].iter().sum::<f64>() / 15.0;
+        assert!(mean > least, "{mode}: {mean}");
+    }
+}
+
+#[test]
 fn parameters_out_of_range_are_named() {
     let mut config = SegmentationConfig::default();
     config.particles.count = 0;
@@ -183,6 +241,43 @@ fn fuzzed(width: usize, height: usize) -> impl Strategy<Value = RgbdFrame> {
     })
 }
 
+/// Frame `frame` of the scene with the box, its depth replaced in blocks by arbitrary values: its colours can be followed.
+fn damaged(frame: usize) -> impl Strategy<Value = RgbdFrame> {
+    let value = prop_oneof![Just(0.0_f32), Just(1e-6), Just(1e6), Just(f32::NAN), 0.3..6.0_f32];
+    prop::collection::vec((0..WIDTH / 20, 0..HEIGHT / 20, value), 0..120).prop_map(move |blocks| {
+        let whole = scene(frame, Some(20 + 8 * frame));
+        let mut depth = whole.depth().image().clone();
+        for (x, y, value) in blocks {
+            (0..400).for_each(|k| depth[(20 * x + k % 20, 20 * y + k / 20)] = value);
+        }
+        RgbdFrame::new(stamp(frame), whole.rgb().clone(), DepthImage::from_metres(depth)).unwrap()
+    })
+}
+
+fn is_finite(result: &Segmentation) -> bool {
+    result.regions.iter().all(|region| {
+        let state = region.particle_mean.iter().chain(&region.particle_covariance).chain(&region.image_velocity);
+        state.copied().all(f64::is_finite) && region.depth_interval.iter().all(|x| x.is_finite())
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn any_depth_of_frames_that_can_be_followed(
+        frames in (damaged(0), damaged(1), damaged(2), damaged(3), damaged(4)),
+        mode in prop::sample::select(&Mode::ALL[..]),
+    ) {
+        let mut segmenter = segmenter(mode);
+        for frame in [frames.0, frames.1, frames.2, frames.3, frames.4] {
+            let result = segmenter.segment(&frame).unwrap();
+            prop_assert_eq!(result.mask.image().size(), (WIDTH, HEIGHT));
+            prop_assert!(is_finite(&result));
+        }
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
@@ -196,11 +291,7 @@ proptest! {
         for frame in &frames {
             let result = segmenter.segment(frame).unwrap();
             prop_assert_eq!(result.mask.image().size(), (width, height));
-            for region in &result.regions {
-                prop_assert!(region.particle_mean.iter().all(|x| x.is_finite()));
-                prop_assert!(region.particle_covariance.iter().all(|x| x.is_finite()));
-                prop_assert!(region.depth_interval.iter().all(|x| x.is_finite()));
-            }
+            prop_assert!(is_finite(&result));
         }
     }
 }

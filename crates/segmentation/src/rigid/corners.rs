@@ -73,6 +73,11 @@ impl CornerTracker {
         Ok(found.collect())
     }
 
+    /// Corners of the previous frame.
+    pub(crate) fn count(&self) -> usize {
+        self.corners.len()
+    }
+
     /// Makes the current frame the previous one and finds its corners.
     pub(crate) fn advance(&mut self, frame: &ViewFrame) -> Result<(), VisionError> {
         std::mem::swap(&mut self.previous, &mut self.current);

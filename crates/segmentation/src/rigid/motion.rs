@@ -53,6 +53,8 @@ pub(crate) struct MotionEstimator {
     noise: DepthNoise,
     compensation: Compensation,
     min_inliers: usize,
+    /// Whether there is no estimate where the motion is uncertain; else the prediction stands in for it.
+    fail_open: bool,
     /// Camera velocity (twist per second): current from previous.
     velocity: Vector6<f64>,
     rng: Pcg64Mcg,
@@ -60,6 +62,8 @@ pub(crate) struct MotionEstimator {
 
 /// Share of image cells that must hold agreeing corners: two of sixteen.
 const MIN_SPREAD: f64 = 0.12;
+/// A motion is predicted over no more than this, seconds: nobody turns a camera in the same way for longer.
+const MAX_PREDICTION: f64 = 0.1;
 /// Reprojection threshold of the homography, working pixels.
 const HOMOGRAPHY_THRESHOLD: f64 = 1.0;
 
@@ -70,6 +74,7 @@ impl MotionEstimator {
             noise,
             compensation: config.compensation,
             min_inliers: config.min_inliers,
+            fail_open: config.fail_open,
             velocity: Vector6::zeros(),
             rng: Pcg64Mcg::seed_from_u64(seed),
         }
@@ -80,12 +85,18 @@ impl MotionEstimator {
         self.corners.load(frame)
     }
 
+    /// Corners of the previous frame that can be followed.
+    pub(crate) fn corners(&self) -> usize {
+        self.corners.count()
+    }
+
     /// Makes the current frame the previous one.
     pub(crate) fn advance(&mut self, frame: &ViewFrame) -> Result<(), VisionError> {
         self.corners.advance(frame)
     }
 
     /// Motion in `dt` seconds; `trust` weighs pixels of the previous frame, 0 for known movers.
+    #[allow(non_snake_case)]
     pub(crate) fn estimate(
         &mut self,
         camera: &Pinhole,
@@ -93,21 +104,38 @@ impl MotionEstimator {
         trust: impl Fn(usize) -> f32,
         dt: f64,
     ) -> Result<Result<MotionEstimate, FailOpenReason>, VisionError> {
-        let guess = pose::exp(&(self.velocity * dt));
-        let found = self.corners.follow(camera, &previous.depth, &guess)?;
-        let solved = self
-            .solve(camera, (previous, current), &found, &guess, trust)
-            .or_else(|_| self.solve(camera, (previous, current), &found, &guess, |_| 1.0));
-        let ego = match solved {
-            Ok(ego) => ego,
-            Err(reason) => return Ok(Err(reason)),
+        let prediction = pose::exp(&(self.velocity * dt.min(MAX_PREDICTION)));
+        let mut solved = self.follow(camera, (previous, current), &prediction, &trust)?;
+        if solved.is_err() {
+            // A camera that turned may have stopped.
+            solved = self.follow(camera, (previous, current), &Pose::identity(), &trust)?;
+        }
+        let (T_current_previous, found) = match solved {
+            Ok((ego, found)) => (ego.T_current_previous, found),
+            Err(reason) if self.fail_open => return Ok(Err(reason)),
+            Err(_) => (prediction, Vec::new()),
         };
-        self.velocity = pose::log(&ego.T_current_previous) / dt;
+        self.velocity = pose::log(&T_current_previous) / dt;
         let motion =
-            FrameMotion { T_earlier_current: ego.T_current_previous.inverse(), homography: self.homography(&found)? };
-        let corners = self.judge(camera, (previous, current), &found, &ego.T_current_previous);
+            FrameMotion { T_earlier_current: T_current_previous.inverse(), homography: self.homography(&found)? };
+        let corners = self.judge(camera, (previous, current), &found, &T_current_previous);
         let flow = median_length(&corners);
         Ok(Ok(MotionEstimate { motion, corners, flow }))
+    }
+
+    /// Follows the corners from where `guess` leads them, and solves for the motion.
+    fn follow(
+        &mut self,
+        camera: &Pinhole,
+        frames: (&ViewFrame, &ViewFrame),
+        guess: &Pose,
+        trust: impl Fn(usize) -> f32,
+    ) -> Result<Result<(EgoMotion, Vec<Correspondence>), FailOpenReason>, VisionError> {
+        let found = self.corners.follow(camera, &frames.0.depth, guess)?;
+        let ego = self
+            .solve(camera, frames, &found, guess, trust)
+            .or_else(|_| self.solve(camera, frames, &found, guess, |_| 1.0));
+        Ok(ego.map(|ego| (ego, found)))
     }
 
     fn solve(

@@ -363,6 +363,26 @@ mod tests {
     }
 
     #[test]
+    fn the_largest_part_goes_on_and_the_others_keep_its_history() {
+        let camera = Pinhole { width: 10, height: 2, fx: 10.0, fy: 10.0, cx: 4.5, cy: 0.5 };
+        let component = |pixels: std::ops::Range<u32>| Component { pixels: pixels.collect() };
+        let mut objects = Objects::default();
+        objects.clear(20);
+        (0..20).for_each(|_| {
+            objects.carry(&camera, &[1.0; 20], &[1.0; 20], 0.03);
+            objects.update(vec![component(0..9)], &[1.0; 20], 1.0);
+        });
+        let whole = objects.list[0].clone();
+        objects.carry(&camera, &[1.0; 20], &[1.0; 20], 0.03);
+        objects.update(vec![component(0..2), component(3..9), component(15..17)], &[0.0; 20], 2.0);
+        let [small, large, new] = &objects.list[..] else { panic!("{:?}", objects.list) };
+        assert_eq!((large.id, large.peak), (whole.id, whole.peak));
+        assert_eq!((small.peak, small.last_motion), (whole.peak, whole.last_motion));
+        assert!(new.peak < whole.peak && new.last_motion == 2.0);
+        assert!(small.id != large.id && small.id != new.id);
+    }
+
+    #[test]
     fn what_comes_into_view_is_above_suspicion() {
         let mut objects = Objects::default();
         objects.clear(2);

@@ -11,10 +11,12 @@ use crate::result::{BoundingBox, DynamicRegion};
 /// Share of depths cut off at either end of the interval: flying pixels at the edges.
 const TRIM: f64 = 0.02;
 
-/// The region of an object, given the particles that lie on it.
+/// The region of an object, given the particles that lie on it. Where there are none, the object's own pixels speak for it.
 pub(crate) fn region(view: &View, depth: &Image<f32>, object: &Object, particles: &[Particle]) -> DynamicRegion {
     let scale = view.scale();
-    let (mean, covariance) = statistics(particles.iter());
+    let own = || object.pixels.iter().map(|&i| particle_at(view.to_camera(i as usize), object, scale));
+    let (mean, covariance) =
+        if particles.is_empty() { statistics(&own().collect::<Vec<_>>()) } else { statistics(particles) };
     let velocity = Vector2::new(object.velocity[0] * scale, object.velocity[1] * scale).map(f64::from);
     DynamicRegion {
         id: object.id,
@@ -25,6 +27,10 @@ pub(crate) fn region(view: &View, depth: &Image<f32>, object: &Object, particles
         particle_covariance: covariance,
         image_velocity: velocity,
     }
+}
+
+fn particle_at([x, y]: [f32; 2], object: &Object, scale: f32) -> Particle {
+    Particle { x, y, vx: object.velocity[0] * scale, vy: object.velocity[1] * scale }
 }
 
 fn bounding_box(view: &View, pixels: &[u32]) -> BoundingBox {

@@ -98,6 +98,8 @@ struct Buffers {
 
 /// Frames kept for comparison: at 30 Hz about half a second.
 const HISTORY: usize = 16;
+/// Frames kept over the age of the oldest that is compared with, at most: at 30 Hz each, of a faster camera some.
+const SPACINGS: u8 = 12;
 /// Frames without a motion estimate after which everything is forgotten.
 const MAX_FAILURES: usize = 5;
 /// Frames never lie closer in time than this, seconds.
@@ -185,6 +187,7 @@ impl RigidSegmenter {
         self.filter = ParticleFilter::new(self.view.source_size(), self.particles, self.seed);
         self.search = ParticleFilter::new(self.view.source_size(), self.particles, self.seed ^ SEARCH_STREAM);
         self.history.clear();
+        self.flow = 0.0;
         self.model.clear();
         self.objects.clear(self.view.camera.pixels());
         self.failures = 0;
@@ -203,9 +206,7 @@ impl RigidSegmenter {
         self.new_regions.clear();
         timing.measure("prepare", || self.prepare(frame))?;
         if self.history.is_empty() {
-            timing.measure("model", || self.update_model());
-            self.remember(time)?;
-            return Ok(Outcome::First);
+            return timing.measure("remember", || self.begin(time));
         }
         let dt = (time - self.last_time).max(MIN_DT);
         let estimate = match timing.measure("ego_motion", || self.estimate(dt))? {
@@ -216,9 +217,36 @@ impl RigidSegmenter {
         timing.measure("diffusion", || self.diffuse());
         timing.measure("particles", || self.follow(dt));
         timing.measure("regions", || self.extract(&estimate, time));
-        timing.measure("model", || self.update_model());
+        let flooded = self.flooded();
+        if flooded.is_none() {
+            timing.measure("model", || self.update_model());
+        } else {
+            self.disbelieve();
+        }
         timing.measure("remember", || self.remember(time))?;
-        Ok(self.flooded().map_or(Outcome::Done, Outcome::Failed))
+        self.failures = if flooded.is_some() { self.failures + 1 } else { 0 };
+        if self.failures > MAX_FAILURES {
+            self.reset();
+        }
+        Ok(flooded.map_or(Outcome::Done, Outcome::Failed))
+    }
+
+    /// Forgets what this frame seems to show: nothing of it enters the next.
+    fn disbelieve(&mut self) {
+        self.objects.clear(self.view.camera.pixels());
+        self.mask.fill(0);
+    }
+
+    /// Takes the first frame, unless nothing in it can be followed.
+    fn begin(&mut self, time: f64) -> Result<Outcome, VisionError> {
+        self.update_model();
+        self.remember(time)?;
+        let (inliers, needed) = (self.estimator.corners(), self.config.min_inliers);
+        if inliers < needed {
+            self.reset();
+            return Ok(Outcome::Failed(FailOpenReason::FewInliers { inliers: 0, needed }));
+        }
+        Ok(Outcome::First)
     }
 
     /// Brings the frame into the working view and derives what comparisons need.
@@ -236,7 +264,8 @@ impl RigidSegmenter {
     /// Camera motion since the previous frame. Known movers have no say, known static surfaces more than others.
     fn estimate(&mut self, dt: f64) -> Result<Result<MotionEstimate, FailOpenReason>, VisionError> {
         let (labels, model) = (&self.objects.labels, self.model.points());
-        let trust = |i: usize| if labels[i] == BACKGROUND { 1.0 + model[i].hits.min(MAX_TRUST) } else { 0.0 };
+        let confirmed = |i: usize| if self.config.static_model { model[i].hits.min(MAX_TRUST) } else { 0.0 };
+        let trust = |i: usize| if labels[i] == BACKGROUND { 1.0 + confirmed(i) } else { 0.0 };
         self.estimator.estimate(&self.view.camera, (&self.previous, &self.current), trust, dt)
     }
 
@@ -499,6 +528,9 @@ impl RigidSegmenter {
 
     /// Lets grey levels decide where depth does not: along outlines and where it is missing.
     fn assign_undecided(&mut self) {
+        if self.objects.list.is_empty() {
+            return;
+        }
         let found = (&self.objects.odds[..], &self.field.changed[..]);
         let outlines = self.config.refined_outlines;
         let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found, outlines);
@@ -534,6 +566,9 @@ impl RigidSegmenter {
 
     /// Static pixels confirm or correct the model; dynamic ones only clear what they disprove.
     fn update_model(&mut self) {
+        if !self.config.static_model {
+            return;
+        }
         let camera = &self.view.camera;
         dilate(camera.width, &self.mask, &mut self.buffers.spare_mask);
         let significance = self.config.significance as f32;
@@ -543,7 +578,7 @@ impl RigidSegmenter {
     /// Makes the current frame the previous one.
     fn remember(&mut self, time: f64) -> Result<(), VisionError> {
         let homography = self.config.compensation == Compensation::Homography;
-        let recycled = if self.history.len() >= HISTORY { self.history.pop_back() } else { None };
+        let recycled = self.make_room();
         let spare = recycled.map_or_else(Appearance::default, |r| r.appearance);
         let mut appearance = std::mem::replace(&mut self.appearance, spare);
         appearance.mask.clone_from(&self.mask);
@@ -551,9 +586,19 @@ impl RigidSegmenter {
         self.estimator.advance(&self.current)?;
         std::mem::swap(&mut self.previous, &mut self.current);
         self.last_time = time;
-        self.failures = 0;
         self.frames += 1;
         Ok(())
+    }
+
+    /// Removes a past frame if there are enough: the oldest, or, where frames follow one another faster than their age matters, the newest.
+    fn make_room(&mut self) -> Option<Reference> {
+        let spacing = self.config.older_reference_age / f64::from(SPACINGS);
+        let close =
+            self.history.iter().take(2).map(|r| r.time).reduce(|new, old| new - old).filter(|_| self.history.len() > 1);
+        if close.is_some_and(|gap| gap < spacing) {
+            return self.history.pop_front();
+        }
+        if self.history.len() >= HISTORY { self.history.pop_back() } else { None }
     }
 
     /// The frame cannot be compared: the next one is compared with the last good one, until too many failed.
