@@ -2,17 +2,19 @@
 
 use crate::particle_filter::Particle;
 
-/// Side of a density cell, pixels at 640 columns: about twice the particles' jitter.
+/// Side of a density cell, pixels of an image of so many columns: about twice the particles' jitter.
 const CELL: f32 = 20.0;
+const COLUMNS: f32 = 640.0;
 /// A cell belongs to a cluster when it holds this many times the particles that a uniform spread would put there.
 const DENSITY: f32 = 2.0;
 
 /// Indices of the particles of each cluster, the largest first.
 pub fn clusters(particles: &[Particle], (width, height): (usize, usize)) -> Vec<Vec<usize>> {
-    let columns = (width as f32 / CELL).ceil().max(1.0) as usize;
-    let rows = (height as f32 / CELL).ceil().max(1.0) as usize;
+    let side = CELL * (width as f32 / COLUMNS).max(f32::MIN_POSITIVE);
+    let columns = (width as f32 / side).ceil().max(1.0) as usize;
+    let rows = (height as f32 / side).ceil().max(1.0) as usize;
     let cell = |p: &Particle| {
-        let (u, v) = ((p.x / CELL).max(0.0) as usize, (p.y / CELL).max(0.0) as usize);
+        let (u, v) = ((p.x / side).max(0.0) as usize, (p.y / side).max(0.0) as usize);
         v.min(rows - 1) * columns + u.min(columns - 1)
     };
     let mut members = vec![Vec::new(); columns * rows];

@@ -249,7 +249,8 @@ pub struct PaperConfig {
     /// Differences of grey levels below this are noise and count as 0.
     #[schemars(range(min = 0, max = 255))]
     pub noise_floor: u8,
-    /// Mean difference (grey levels) under the particles below which there is no further object.
+    /// Mean smoothed difference (grey levels) under the weighted particles below which there is no further object: less than half of
+    /// `noise_floor` is scattered noise.
     #[schemars(range(min = 0.0, max = 255.0))]
     pub min_evidence: f64,
     /// Depth clusters of K-means (algorithm 2, step 6).
@@ -268,7 +269,7 @@ impl Default for PaperConfig {
             flow_sigmas: 3.0,
             max_objects: 3,
             noise_floor: 25,
-            min_evidence: 2.0,
+            min_evidence: 10.0,
             depth_clusters: 3,
             border: 10,
         }

@@ -1,6 +1,8 @@
 //! Algorithm 2: dynamic segmentation by particle filter and depth (paper, section 3.2), the modes `paper` and `single`; and
 //! mode `flow`, which stops after the feature tests of algorithm 1.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, Vector2};
 use pfd_geometry::{DepthImage, GrayImage, Image, Mask, RgbdFrame, StageTimes};
 use pfd_vision::VisionError;
@@ -23,7 +25,8 @@ pub(crate) struct PaperSegmenter {
     features_only: bool,
     inter_frame: InterFrame,
     /// One filter per object: the first follows the strongest, the next what the first leaves over (step 9).
-    filters: Vec<ParticleFilter>,
+    filters: Vec<ObjectFilter>,
+    next_id: u32,
     previous: Option<(GrayImage, f64)>,
 }
 
@@ -36,6 +39,8 @@ pub(crate) struct PaperResult {
 
 /// Frames never lie closer in time than this, seconds.
 const MIN_DT: f64 = 1e-3;
+/// Points that determine a fundamental matrix.
+const MIN_POINTS: usize = 8;
 /// Radius of the disc that mode `flow` masks around a rejected feature, pixels.
 const FEATURE_RADIUS: i64 = 6;
 /// The depth interval spans this many standard deviations of the particles' depths on either side.
@@ -45,13 +50,26 @@ const MIN_HALF_INTERVAL: f32 = 0.15;
 /// A contour smaller than this share of the image is no object.
 const MIN_AREA: f64 = 0.002;
 
-/// The region of an object: its outline, its depth interval in metres, and the particles on it.
-type Located = (Contour, [f32; 2], Vec<Particle>);
+/// The region of an object: its outline and its depth interval in metres.
+type Located = (Contour, [f32; 2]);
+
+/// Columns and rows.
+type Rectangle = (Range<usize>, Range<usize>);
+
+/// A filter and the identity of the object that it follows.
+#[derive(Debug)]
+struct ObjectFilter {
+    filter: ParticleFilter,
+    id: u32,
+}
 
 impl PaperSegmenter {
     pub(crate) fn new(size: (usize, usize), mode: Mode, config: &SegmentationConfig, seed: u64) -> Self {
         let objects = if mode == Mode::Single { 1 } else { config.paper.max_objects };
-        let filter = |k: usize| ParticleFilter::new(size, config.particles, seed.wrapping_add(k as u64));
+        let filter = |k: usize| ObjectFilter {
+            filter: ParticleFilter::new(size, config.particles, seed.wrapping_add(k as u64)),
+            id: k as u32,
+        };
         Self {
             config: config.paper,
             kernel_sigma: config.particles.kernel_sigma,
@@ -59,6 +77,7 @@ impl PaperSegmenter {
             features_only: mode == Mode::Flow,
             inter_frame: InterFrame::new(config.paper),
             filters: (0..objects).map(filter).collect(),
+            next_id: objects as u32,
             previous: None,
         }
     }
@@ -75,16 +94,17 @@ impl PaperSegmenter {
         let Some((previous, before)) = self.previous.replace((frame.gray().clone(), time)) else {
             return Ok((Status::FirstFrame, PaperResult::default()));
         };
-        let Some(found) = transformation else {
-            let reason = FailOpenReason::FewInliers { inliers: 0, needed: 8 };
-            return Ok((Status::FailedOpen(reason), PaperResult::default()));
+        let few = |inliers| {
+            (Status::FailedOpen(FailOpenReason::FewInliers { inliers, needed: MIN_POINTS }), PaperResult::default())
         };
+        let Some(found) = transformation else { return Ok(few(0)) };
         if self.features_only {
             found.rejected.iter().for_each(|&p| draw_disc(mask, p));
             return Ok((Status::Segmented, PaperResult::default()));
         }
+        let Some(homography) = found.homography else { return Ok(few(found.inliers)) };
         let dt = (time - before).max(MIN_DT);
-        let result = timing.measure("objects", || self.objects(frame, &previous, &found.homography, dt, mask))?;
+        let result = timing.measure("objects", || self.objects(frame, &previous, &homography, dt, mask))?;
         Ok((Status::Segmented, result))
     }
 
@@ -103,42 +123,58 @@ impl PaperSegmenter {
         for k in 0..self.filters.len() {
             gaussian_smooth(&image, self.kernel_sigma, &mut smooth)?;
             let evidence = to_float(&smooth);
-            let filter = &mut self.filters[k];
+            let filter = &mut self.filters[k].filter;
             filter.predict(dt); // step 2
-            let mean = filter.weigh(&evidence, 1.0); // step 3
+            let under_particles = filter.weigh(&evidence, 1.0); // step 3
             filter.resample(); // step 4
-            if mean < self.config.min_evidence * f64::from(SMOOTHED_SHARE) {
-                filter.scatter();
-                break;
+            if under_particles < self.config.min_evidence {
+                self.give_up(k);
+                continue;
             }
-            let Some((contour, interval, members)) = self.locate(k, frame.depth())? else { break };
-            fill(&mut image, &contour, 0); // step 8
-            self.draw(frame.depth(), &contour, interval, mask);
+            let members = self.largest_cluster(k);
+            let Some((contour, interval)) = self.locate(&members, frame.depth())? else {
+                // Step 9 goes on with what lies elsewhere.
+                fill(&mut image, extent(&members), 0);
+                self.give_up(k);
+                continue;
+            };
+            fill(&mut image, bounds(&contour), 0); // step 8
+            let pixels = self.draw(frame.depth(), &contour, interval, mask);
             result.particles.push(members.iter().map(|p| [p.x, p.y]).collect());
-            result.regions.push(region(k as u32, &contour, interval, &members));
+            result.regions.push(region((self.filters[k].id, pixels), &contour, interval, &members));
         }
         Ok(result)
     }
 
-    /// Steps 5 to 7: clusters particles, then their depths, and cuts out the region.
-    fn locate(&self, k: usize, depth: &DepthImage) -> Result<Option<Located>, VisionError> {
-        let particles = self.filters[k].particles();
-        let Some(cluster) = clustering::clusters(particles, self.size).into_iter().next() else { return Ok(None) };
-        let members: Vec<Particle> = cluster.into_iter().map(|i| particles[i]).collect();
-        let Some(interval) = self.depth_interval(&members, depth) else { return Ok(None) };
-        let left = members.iter().map(|p| p.x).fold(f32::INFINITY, f32::min).max(0.0) as usize;
-        let right = members.iter().map(|p| p.x).fold(0.0, f32::max) as usize;
+    /// Lets a filter look for another object.
+    fn give_up(&mut self, k: usize) {
+        self.filters[k].filter.scatter();
+        self.filters[k].id = self.next_id;
+        self.next_id += 1;
+    }
+
+    /// Step 5: the particles of the largest cluster.
+    fn largest_cluster(&self, k: usize) -> Vec<Particle> {
+        let particles = self.filters[k].filter.particles();
+        let largest = clustering::clusters(particles, self.size).into_iter().next().unwrap_or_default();
+        largest.into_iter().map(|i| particles[i]).collect()
+    }
+
+    /// Steps 6 and 7: clusters the depths of the particles, and cuts out the region.
+    fn locate(&self, members: &[Particle], depth: &DepthImage) -> Result<Option<Located>, VisionError> {
+        let Some(interval) = self.depth_interval(members, depth) else { return Ok(None) };
+        let (columns, _) = extent(members);
         // The ROI has the full height of the image and the width of the cluster (section 3.2).
         let mut binary = Mask::empty(self.size.0, self.size.1);
         for v in 0..self.size.1 {
-            for u in left..(right + 1).min(self.size.0) {
+            for u in columns.start..columns.end.min(self.size.0) {
                 let inside = depth.at(u, v).is_some_and(|z| z >= interval[0] && z <= interval[1]);
                 binary.set(u, v, inside);
             }
         }
         let min_area = MIN_AREA * (self.size.0 * self.size.1) as f64;
         let contour = largest_contour(&binary)?.filter(|c| c.area >= min_area);
-        Ok(contour.map(|c| (c, interval, members)))
+        Ok(contour.map(|c| (c, interval)))
     }
 
     /// Step 6: the interval of the largest depth cluster.
@@ -150,8 +186,10 @@ impl PaperSegmenter {
         Some([largest.center - half, largest.center + half])
     }
 
-    /// Masks the rectangle; points near its border are decided by K-means of depth (last step of section 3.2).
-    fn draw(&self, depth: &DepthImage, contour: &Contour, interval: [f32; 2], mask: &mut Mask) {
+    /// Masks the rectangle; points near its border are decided by K-means of depth (last step of section 3.2). Returns how many pixels
+    /// are the object's.
+    fn draw(&self, depth: &DepthImage, contour: &Contour, interval: [f32; 2], mask: &mut Mask) -> u32 {
+        let mut drawn = 0;
         let (x, y) = (contour.x as usize, contour.y as usize);
         let (right, bottom) = (x + contour.width as usize, y + contour.height as usize);
         let border = self.config.border as usize;
@@ -171,24 +209,24 @@ impl PaperSegmenter {
                     .is_some_and(|(z, own)| centers.iter().any(|c| (c - z).abs() < (own - z).abs()));
             if !foreign {
                 mask.set(u, v, true);
+                drawn += 1;
             }
         }
+        drawn
     }
 }
 
-/// Share of a difference that the kernel leaves at the edge of a mover.
-const SMOOTHED_SHARE: f32 = 0.5;
 /// Every how many border pixels enter K-means.
 const BORDER_SAMPLING: usize = 5;
 
-fn region(id: u32, contour: &Contour, interval: [f32; 2], members: &[Particle]) -> DynamicRegion {
+fn region((id, pixel_count): (u32, u32), contour: &Contour, interval: [f32; 2], members: &[Particle]) -> DynamicRegion {
     let (mean, covariance) = statistics(members);
     let Contour { x, y, width, height, .. } = *contour;
     DynamicRegion {
         id,
         bounding_box: BoundingBox { x, y, width, height },
         depth_interval: interval,
-        pixel_count: width * height,
+        pixel_count,
         particle_mean: mean,
         particle_covariance: covariance,
         image_velocity: Vector2::new(mean[2], mean[3]),
@@ -203,11 +241,25 @@ fn to_float(image: &GrayImage) -> Image<f32> {
     out
 }
 
-fn fill(image: &mut GrayImage, contour: &Contour, value: u8) {
-    let (x, y) = (contour.x as usize, contour.y as usize);
-    for v in y..(y + contour.height as usize).min(image.height()) {
-        let right = (x + contour.width as usize).min(image.width());
-        image.row_mut(v)[x..right].fill(value);
+/// The bounding rectangle of an outline.
+fn bounds(&Contour { x, y, width, height, .. }: &Contour) -> Rectangle {
+    (x as usize..(x + width) as usize, y as usize..(y + height) as usize)
+}
+
+/// The bounding rectangle of particles.
+fn extent(particles: &[Particle]) -> Rectangle {
+    let range = |of: fn(&Particle) -> f32| {
+        let low = particles.iter().map(of).fold(f32::INFINITY, f32::min).max(0.0) as usize;
+        let high = particles.iter().map(of).fold(0.0, f32::max) as usize;
+        low..(high + 1).max(low)
+    };
+    if particles.is_empty() { (0..0, 0..0) } else { (range(|p| p.x), range(|p| p.y)) }
+}
+
+fn fill(image: &mut GrayImage, (columns, rows): Rectangle, value: u8) {
+    for v in rows.start..rows.end.min(image.height()) {
+        let right = columns.end.min(image.width());
+        image.row_mut(v)[columns.start.min(right)..right].fill(value);
     }
 }
 

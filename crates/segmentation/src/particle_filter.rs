@@ -104,7 +104,7 @@ impl ParticleFilter {
     }
 
     /// Weighs the particles by evidence that was smoothed with the kernel of Eq. 3 (step 3). `scale` is evidence pixels per
-    /// particle pixel. Returns the mean evidence under the particles.
+    /// particle pixel. Returns what [`Self::weigh_by`] does.
     pub fn weigh(&mut self, smoothed: &Image<f32>, scale: f32) -> f64 {
         let (width, height) = smoothed.size();
         self.weigh_by(|p| {
@@ -114,17 +114,18 @@ impl ParticleFilter {
         })
     }
 
-    /// Weighs each particle by `evidence`; returns the mean.
+    /// Weighs each particle by `evidence`; returns the mean evidence under the weighted particles.
     pub fn weigh_by(&mut self, evidence: impl Fn(&Particle) -> f32) -> f64 {
-        let mut sum = 0.0;
+        let (mut sum, mut squares) = (0.0, 0.0);
         for (p, w) in self.particles.iter().zip(&mut self.weights) {
             *w = f64::from(evidence(p).max(0.0)) + MIN_WEIGHT;
             sum += *w;
+            squares += *w * *w;
         }
         for w in &mut self.weights {
             *w /= sum;
         }
-        sum / self.particles.len().max(1) as f64
+        squares / sum.max(MIN_WEIGHT)
     }
 
     /// Effective number of particles, `1 / Σ w²`.

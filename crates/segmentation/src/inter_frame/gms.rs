@@ -27,62 +27,76 @@ pub struct GmsOptions {
 pub fn filter(a: &[[f32; 2]], b: &[[f32; 2]], sizes: [(usize, usize); 2], options: GmsOptions) -> Vec<bool> {
     let scales = if options.scale { &SCALES[..] } else { &SCALES[..1] };
     let turns = if options.rotation { 8 } else { 1 };
+    let count = |kept: &[bool]| kept.iter().filter(|k| **k).count();
     let mut best = vec![false; a.len().min(b.len())];
-    let mut best_count = 0;
     for &scale in scales {
         let cells = ((CELLS as f64 * scale).round() as usize).max(1);
-        for turn in 0..turns {
-            let kept = filter_once(a, b, sizes, cells, turn);
-            let count = kept.iter().filter(|&&k| k).count();
-            if count > best_count {
-                (best, best_count) = (kept, count);
+        for kept in filter_at_scale(a, b, sizes, cells, turns) {
+            if count(&kept) > count(&best) {
+                best = kept;
             }
         }
     }
     best
 }
 
-/// One rotation and scale: a match survives if it does in any of the four shifted grids (section 3.2, "multi-grid").
-fn filter_once(a: &[[f32; 2]], b: &[[f32; 2]], sizes: [(usize, usize); 2], cells: usize, turn: usize) -> Vec<bool> {
-    let mut kept = vec![false; a.len().min(b.len())];
-    for shift in [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5)] {
+/// The matches that survive each turn at one scale: those that do in any of the four shifted grids (section 3.2, "multi-grid").
+fn filter_at_scale(
+    a: &[[f32; 2]],
+    b: &[[f32; 2]],
+    sizes: [(usize, usize); 2],
+    cells: usize,
+    turns: usize,
+) -> Vec<Vec<bool>> {
+    let mut kept = vec![vec![false; a.len().min(b.len())]; turns];
+    let second = Grid { cells, size: sizes[1], shift: [0.0; 2] };
+    let to: Vec<usize> = b.iter().map(|&p| second.cell(p)).collect();
+    for shift in [[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]] {
         let first = Grid { cells: CELLS, size: sizes[0], shift };
-        let second = Grid { cells, size: sizes[1], shift: (0.0, 0.0) };
         let from: Vec<usize> = a.iter().map(|&p| first.cell(p)).collect();
-        let to: Vec<usize> = b.iter().map(|&p| second.cell(p)).collect();
         let statistics = Statistics::count(&from, &to, &first, &second);
-        let partner = statistics.partners(turn);
-        for (k, (i, j)) in from.iter().zip(&to).enumerate() {
-            kept[k] |= partner[*i] == Some(*j);
+        for (turn, kept) in kept.iter_mut().enumerate() {
+            let partner = statistics.partners(turn);
+            for (kept, (i, j)) in kept.iter_mut().zip(from.iter().zip(&to)) {
+                *kept |= partner[*i] == Some(*j);
+            }
         }
     }
     kept
 }
 
-/// A division of an image into cells; a shifted grid has one more row and column.
+/// A division of an image into cells; a grid that is shifted, by a part of a cell, has one more row or column.
 struct Grid {
     cells: usize,
     size: (usize, usize),
-    shift: (f32, f32),
+    shift: [f32; 2],
 }
 
 impl Grid {
-    fn side(&self) -> usize {
-        self.cells + 1
+    /// Columns and rows.
+    fn sides(&self) -> [usize; 2] {
+        self.shift.map(|shift| self.cells + usize::from(shift > 0.0))
+    }
+
+    /// Number of cells.
+    fn count(&self) -> usize {
+        let [columns, rows] = self.sides();
+        columns * rows
     }
 
     fn cell(&self, [x, y]: [f32; 2]) -> usize {
-        let index = |value: f32, size: usize, shift: f32| {
-            let cell = value / size.max(1) as f32 * self.cells as f32 + shift;
-            (cell.max(0.0) as usize).min(self.cells)
+        let sides = self.sides();
+        let index = |axis: usize, value: f32, size: usize| {
+            let cell = value / size.max(1) as f32 * self.cells as f32 + self.shift[axis];
+            (cell.max(0.0) as usize).min(sides[axis] - 1)
         };
-        index(y, self.size.1, self.shift.1) * self.side() + index(x, self.size.0, self.shift.0)
+        index(1, y, self.size.1) * sides[0] + index(0, x, self.size.0)
     }
 
     fn neighbour(&self, cell: usize, (dx, dy): (i32, i32)) -> Option<usize> {
-        let side = self.side() as i32;
-        let (x, y) = (cell as i32 % side + dx, cell as i32 / side + dy);
-        ((0..side).contains(&x) && (0..side).contains(&y)).then(|| (y * side + x) as usize)
+        let [columns, rows] = self.sides().map(|side| side as i32);
+        let (x, y) = (cell as i32 % columns + dx, cell as i32 / columns + dy);
+        ((0..columns).contains(&x) && (0..rows).contains(&y)).then(|| (y * columns + x) as usize)
     }
 }
 
@@ -99,7 +113,7 @@ struct Statistics<'a> {
 
 impl<'a> Statistics<'a> {
     fn count(from: &[usize], to: &[usize], first: &'a Grid, second: &'a Grid) -> Self {
-        let (rows, columns) = (first.side() * first.side(), second.side() * second.side());
+        let (rows, columns) = (first.count(), second.count());
         let (mut features, mut matches) = (vec![0; rows], vec![0_u16; rows * columns]);
         for (&i, &j) in from.iter().zip(to) {
             features[i] += 1;
@@ -189,6 +203,17 @@ mod tests {
         let shrink = |[x, y]: [f32; 2]| [160.0 + x / 2.0, 120.0 + y / 2.0];
         let (with, bad) = kept(shrink, GmsOptions { rotation: false, scale: true });
         assert!(with > 0.8 && bad < 0.15, "{with} true, {bad} false");
+    }
+
+    #[test]
+    fn all_borders_are_treated_alike() {
+        let grid = |shift| Grid { cells: 3, size: (30, 30), shift };
+        let neighbours =
+            |grid: &Grid, p| RING.into_iter().filter(|step| grid.neighbour(grid.cell(p), *step).is_some()).count();
+        let corners = [[1.0, 1.0], [29.0, 1.0], [1.0, 29.0], [29.0, 29.0]];
+        assert_eq!(corners.map(|p| neighbours(&grid([0.0; 2]), p)), [4; 4]);
+        assert_eq!(corners.map(|p| neighbours(&grid([0.5; 2]), p)), [4; 4]);
+        assert_eq!((grid([0.0; 2]).count(), grid([0.5, 0.0]).count()), (9, 12));
     }
 
     #[test]

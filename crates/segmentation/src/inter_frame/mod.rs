@@ -40,8 +40,10 @@ impl Pairs {
 /// What algorithm 1 finds.
 #[derive(Clone, Debug)]
 pub(crate) struct Transformation {
-    /// Previous pixels to current pixels.
-    pub(crate) homography: Matrix3<f64>,
+    /// Previous pixels to current pixels, if enough points agree on one.
+    pub(crate) homography: Option<Matrix3<f64>>,
+    /// Points from which it was estimated.
+    pub(crate) inliers: usize,
     /// Points of the current frame that do not follow the camera.
     pub(crate) rejected: Vec<[f32; 2]>,
 }
@@ -85,7 +87,7 @@ impl InterFrame {
         }
     }
 
-    /// The transformation from the previous frame to `gray`; `None` for the first frame and where too little is left.
+    /// The transformation from the previous frame to `gray`; `None` for the first frame and where too few points match.
     pub(crate) fn step(&mut self, gray: &GrayImage) -> Result<Option<Transformation>, VisionError> {
         let features = self.extractor.extract(gray, None, 0)?; // step 0
         self.current.rebuild(gray, &self.flow)?;
@@ -105,19 +107,20 @@ impl InterFrame {
         let Some(f) = fundamental(&matches.previous, &matches.current, limit)? else { return Ok(None) };
         let (matches, outliers) = matches.split(|k| f.inliers.get(k).copied().unwrap_or(false)); // step 2: M'
         let (mut matches, slipped) = self.three_sigma(matches)?; // steps 3 and 4
+        // Estimated anew from what is left: the points that were used for the first estimate all agree with it.
+        let f = fundamental(&matches.previous, &matches.current, limit)?.unwrap_or(f);
         self.add_corners(&mut matches)?;
         let on_line = |k: usize| epipolar_distance(&f.matrix, matches.previous[k], matches.current[k]) <= limit;
         let keep: Vec<bool> = (0..matches.previous.len()).map(on_line).collect();
         let (kept, off_line) = matches.split(|k| keep[k]); // step 5: M''
-        let Some(h) = homography(&kept.previous, &kept.current, HOMOGRAPHY_THRESHOLD)? else { return Ok(None) }; // step 6
+        let homography = homography(&kept.previous, &kept.current, HOMOGRAPHY_THRESHOLD)?.map(|h| h.matrix); // step 6
         let rejected = [outliers.current, slipped.current, off_line.current].concat();
-        Ok(Some(Transformation { homography: h.matrix, rejected }))
+        Ok(Some(Transformation { homography, inliers: kept.previous.len(), rejected }))
     }
 
     /// Drops matches whose matched and tracked positions differ by more than three standard deviations from the mean.
     fn three_sigma(&self, matches: Pairs) -> Result<(Pairs, Pairs), VisionError> {
-        let guess = Some(&matches.current[..]);
-        let tracked = track_points(&self.previous, &self.current, &matches.previous, guess, &self.flow)?;
+        let tracked = track_points(&self.previous, &self.current, &matches.previous, None, &self.flow)?;
         let distance = |k: usize| {
             let (t, m) = (tracked[k]?, matches.current[k]);
             Some(f64::from((t[0] - m[0]).hypot(t[1] - m[1])))
