@@ -143,8 +143,7 @@ impl TrackingOutput {
     ) {
         let T_map_world = names.T_map_world();
         let header = Header::new(stamp, &config.map_frame);
-        let trajectory = tracker.trajectory();
-        let recent = &trajectory[trajectory.len().saturating_sub(config.path_length as usize)..];
+        let recent = tracker.recent_trajectory(config.path_length as usize);
         let poses = recent.iter().map(|p| PoseStamped {
             header: Header::new(p.stamp, &config.map_frame),
             pose: pose_to_message(&(T_map_world * p.pose)),

@@ -18,7 +18,7 @@ use crate::rolling_shutter::Shutter;
 
 const MAGIC: &[u8; 8] = b"PFDSLAM\0";
 /// Raised whenever [`MapRecord`], the descriptor or its pattern change.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
 /// A larger file (bytes) is refused before it is read.
 const MAX_FILE_SIZE: u64 = 4 << 30;

@@ -233,9 +233,9 @@ impl Mapper {
         Ok(())
     }
 
-    /// Poses (camera to world) of all logged frames by the present state of the map.
-    pub(crate) fn trajectory(&self) -> Vec<StampedPose> {
-        self.trajectory.poses(&self.map)
+    /// Poses (camera to world) of the last `count` logged frames by the present state of the map.
+    pub(crate) fn trajectory(&self, count: usize) -> Vec<StampedPose> {
+        self.trajectory.poses(&self.map, count)
     }
 
     /// Poses (camera to world) of the keyframes, oldest first.

@@ -553,7 +553,12 @@ impl Tracker {
 
     /// Poses (camera to world) of all tracked frames by the present state of the map.
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.mapper.trajectory()
+        self.mapper.trajectory(usize::MAX)
+    }
+
+    /// The last `count` of them.
+    pub fn recent_trajectory(&self, count: usize) -> Vec<StampedPose> {
+        self.mapper.trajectory(count)
     }
 
     /// Poses (camera to world) of the keyframes, oldest first.

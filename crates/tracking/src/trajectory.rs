@@ -37,22 +37,25 @@ impl TrajectoryLog {
     pub(crate) fn replace(&mut self, map: &Map, keyframe: KeyframeId, standin: KeyframeId) {
         if let (Some(old), Some(new)) = (map.keyframe(keyframe), map.keyframe(standin)) {
             let relative = old.T_camera_world * new.T_camera_world.inverse();
+            // Those for which the removed one stood in follow it, so that no pose ever depends on more than one stand-in.
+            for (former, pose) in self.removed.values_mut().filter(|(former, _)| *former == keyframe) {
+                (*former, *pose) = (standin, *pose * relative);
+            }
             self.removed.insert(keyframe, (standin, relative));
         }
     }
 
-    /// All poses (camera to world) by the present state of the map.
-    pub(crate) fn poses(&self, map: &Map) -> Vec<StampedPose> {
+    /// The last `count` poses (camera to world) by the present state of the map.
+    pub(crate) fn poses(&self, map: &Map, count: usize) -> Vec<StampedPose> {
         let place = |entry: &Entry| {
-            let (mut id, mut pose) = (entry.reference, entry.T_camera_reference);
-            while let Some((standin, relative)) = self.removed.get(&id) {
-                pose *= relative;
-                id = *standin;
-            }
+            let (id, pose) = match self.removed.get(&entry.reference) {
+                Some((standin, relative)) => (*standin, entry.T_camera_reference * relative),
+                None => (entry.reference, entry.T_camera_reference),
+            };
             let T_camera_world = pose * map.keyframe(id)?.T_camera_world;
             Some(StampedPose { stamp: entry.stamp, pose: T_camera_world.inverse() })
         };
-        self.entries.iter().filter_map(place).collect()
+        self.entries[self.entries.len().saturating_sub(count)..].iter().filter_map(place).collect()
     }
 }
 
@@ -79,13 +82,19 @@ mod tests {
             id
         };
         let first = add(&mut map, &mut log, 0);
-        for i in 1..6 {
+        let mut earlier = add(&mut map, &mut log, 1);
+        for i in 2..6 {
+            // Each stands in for the one before, and the first for the last of them.
             let id = add(&mut map, &mut log, i);
-            log.replace(&map, id, first);
-            map.remove_keyframe(id);
+            log.replace(&map, earlier, id);
+            map.remove_keyframe(earlier);
+            earlier = id;
         }
-        let poses = log.poses(&map);
+        log.replace(&map, earlier, first);
+        map.remove_keyframe(earlier);
+        let poses = log.poses(&map, usize::MAX);
         assert_eq!(poses.len(), 6);
+        assert_eq!(log.poses(&map, 2), poses[4..]);
         for (i, found) in poses.iter().enumerate() {
             let error = pose::log(&(found.pose * pose_at(i as i64)));
             assert!(error.norm() < 1e-9, "frame {i}: {error}");

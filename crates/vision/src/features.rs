@@ -149,15 +149,16 @@ impl FeatureExtractor {
 
     fn build_pyramid(&mut self, image: &GrayImage) -> Result<(), VisionError> {
         gray_as_mat(image)?.copy_to(&mut self.levels[0].image)?;
+        // By factor and not by size: that would be rounded, and pixels at the far border would lie up to a pixel beside their place.
+        let factor = 1.0 / self.options.scale;
         for level in 1..self.levels.len() {
-            let scale = self.options.level_scale(level as u8);
-            let size = Size::new(
-                (image.width() as f64 / scale).round().max(1.0) as i32,
-                (image.height() as f64 / scale).round().max(1.0) as i32,
-            );
             let (finer, coarser) = self.levels.split_at_mut(level);
-            let source = &finer[level - 1].image;
-            opencv::imgproc::resize(source, &mut coarser[0].image, size, 0.0, 0.0, opencv::imgproc::INTER_LINEAR)?;
+            let (source, target) = (&finer[level - 1].image, &mut coarser[0].image);
+            if f64::from(source.cols().min(source.rows())) * factor < 1.0 {
+                *target = Mat::default();
+                continue;
+            }
+            opencv::imgproc::resize(source, target, Size::default(), factor, factor, opencv::imgproc::INTER_LINEAR)?;
         }
         Ok(())
     }
@@ -393,6 +394,29 @@ mod tests {
             .filter(|f| b.iter().any(|g| (g.u - f.u - 5.0).abs() < 0.1 && g.descriptor == f.descriptor))
             .count();
         assert!(found * 10 >= a.len() * 7, "{found} of {} features came back after the shift", a.len());
+    }
+
+    #[test]
+    fn a_spot_lies_at_the_same_place_on_all_levels() {
+        // In the corner that is farthest from the origin, where an error of scale shows most.
+        let (x, y) = (600.0, 450.0);
+        let brightness =
+            |u: usize, v: usize| 200.0 * (-((u as f64 - x).powi(2) + (v as f64 - y).powi(2)) / 128.0).exp();
+        let pixels = (0..480).flat_map(|v| (0..640).map(move |u| brightness(u, v).round() as u8)).collect();
+        let options = FeatureOptions { levels: 8, ..OPTIONS };
+        let mut extractor = FeatureExtractor::new(options);
+        extractor.build_pyramid(&Image::from_vec(640, 480, pixels).unwrap()).unwrap();
+        for (level, Level { image, .. }) in extractor.levels.iter().enumerate() {
+            let pixels = image.data_typed::<u8>().unwrap().iter().enumerate();
+            let (mut sum, mut u, mut v) = (0.0, 0.0, 0.0);
+            for (i, value) in pixels.map(|(i, value)| (i as i32, f64::from(*value))) {
+                (sum, u, v) =
+                    (sum + value, u + value * f64::from(i % image.cols()), v + value * f64::from(i / image.cols()));
+            }
+            let place = [u, v].map(|c| options.from_level(c / sum, level as u8));
+            let error = (place[0] - x).hypot(place[1] - y);
+            assert!(error < 0.1, "level {level}: {place:?}");
+        }
     }
 
     #[test]
