@@ -148,7 +148,7 @@ impl SlamProcessor {
             self.camera = Some(frame.camera);
         }
         if self.last_stamp.replace(stamp).is_some_and(|last| is_set_back(last, stamp)) {
-            tracing::warn!("time was set back to {stamp}: starting a new map");
+            tracing::warn!("time was set back to {stamp}: starting anew");
             tracker.as_mut().into_iter().for_each(Tracker::reset);
             self.names = FrameNames::default();
             self.parts.masks.restart();
@@ -265,6 +265,11 @@ impl SlamProcessor {
             TrackingState::NotInitialized => (Level::Warn, "waiting for a frame with enough features and depth".into()),
             TrackingState::Lost => (Level::Error, "LOST: move the camera back to a place that it has seen".into()),
         };
+        if t.is_apart && level == Level::Ok {
+            let apart =
+                "in a new part of the map, whose place with respect to the rest is a guess until the camera shows both";
+            (level, message) = (Level::Warn, format!("{}, {apart}", t.state));
+        }
         if mask.is_none() && self.kind == Kind::Tracking && level == Level::Ok {
             (level, message) = (Level::Warn, format!("{}, without masks", t.state));
         }

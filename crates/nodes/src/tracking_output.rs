@@ -229,6 +229,7 @@ mod tests {
             state: TrackingState::Ok,
             T_world_camera: None,
             T_odom_camera: None,
+            is_apart: false,
             covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
             twist: Vector6::new(0.0, 0.0, 2.0, 0.0, 0.0, 0.0),
             twist_covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(4.0, 5.0, 6.0, 0.1, 0.2, 0.3)),

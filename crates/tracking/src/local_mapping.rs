@@ -2,6 +2,7 @@
 
 use nalgebra::Point3;
 use pfd_geometry::{Camera, DepthImage, Mask, Pose};
+use slotmap::SecondaryMap;
 
 use crate::config::TrackingConfig;
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId, Observation};
@@ -131,13 +132,13 @@ fn merge(map: &mut Map, a: MapPointId, b: MapPointId) {
 ///
 /// The last rule catches what the mask missed: a thing that moved away leaves points behind which the depth images contradict.
 pub fn cull_points(map: &mut Map, config: &TrackingConfig, keyframes: &[KeyframeId]) {
-    let position = |id: KeyframeId| keyframes.iter().rposition(|k| *k == id);
+    let positions: SecondaryMap<KeyframeId, usize> = keyframes.iter().enumerate().map(|(i, id)| (*id, i)).collect();
     let poor = |point: &crate::map::MapPoint| {
         let counts = point.counts;
         let contradicted = counts.contradicted >= MIN_CONTRADICTIONS && counts.contradicted > counts.found;
         let rare = counts.visible >= MIN_VISIBLE
             && f64::from(counts.found) < config.mapping.min_found_ratio * f64::from(counts.visible);
-        let newest = point.observations().iter().filter_map(|seen| position(seen.keyframe)).max();
+        let newest = point.observations().iter().filter_map(|seen| positions.get(seen.keyframe)).max();
         // Points of which the last sighting just left probation are judged once; older ones have proved themselves.
         let on_trial = newest.is_some_and(|n| n + PROBATION_KEYFRAMES == keyframes.len());
         contradicted || rare || (on_trial && point.observations().len() < MIN_OBSERVATIONS)

@@ -39,7 +39,7 @@ impl Localized {
     }
 
     /// Whether this attempt is better than an earlier one, which started from a likelier place.
-    fn surpasses(&self, earlier: &Self) -> bool {
+    pub(crate) fn surpasses(&self, earlier: &Self) -> bool {
         match (self.is_clear(), earlier.is_clear()) {
             (true, true) => self.matches.len() as f64 > SURPASSING * earlier.matches.len() as f64,
             (false, false) => self.matches.len() > earlier.matches.len(),

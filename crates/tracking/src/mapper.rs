@@ -102,6 +102,16 @@ impl Mapper {
         self.segments.begin();
     }
 
+    /// Whether the current segment has not been joined with that of the origin.
+    pub(crate) fn is_apart(&self) -> bool {
+        self.order.first().is_some_and(|&first| !self.segments.is_current(first))
+    }
+
+    /// Forgets the poses of all frames; the map stays.
+    pub(crate) fn forget_trajectory(&mut self) {
+        self.trajectory = TrajectoryLog::default();
+    }
+
     /// From now on keyframes belong to the segment of `keyframe`.
     pub(crate) fn enter_segment_of(&mut self, keyframe: KeyframeId) {
         self.segments.enter(keyframe);

@@ -7,13 +7,16 @@ use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
 use crate::localization::Localized;
 use crate::map::Map;
-use crate::matching::predict;
+use crate::matching::{Match, predict};
 
 /// Points that must be seen behind the mask.
 const MIN_SEEN: usize = 5;
 /// Points behind the mask must be seen this often as compared with those beside it: in a static scene equally often, behind a mover hardly
 /// ever.
 const MIN_RATIO: f64 = 0.5;
+
+/// Pixels by which two poses may displace a point and be the same.
+const MAX_DISPLACEMENT: f64 = 3.0;
 
 /// How many points should be seen, and are.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,6 +29,19 @@ impl Sight {
     fn share(self) -> f64 {
         self.seen as f64 / self.expected.max(1) as f64
     }
+}
+
+/// Whether the pose that was found without a mask leaves most of what was found with it where it is. A mover that stands in the map draws
+/// the pose along, and is then what is seen behind the mask.
+pub(crate) fn agree(map: &Map, camera: &Camera, masked: &Localized, unmasked: &Localized) -> bool {
+    let displacement = |m: &Match| {
+        let position = map.point(m.point)?.position;
+        let pixel = |found: &Localized| camera.project(&(found.T_camera_world * position));
+        Some((pixel(masked)? - pixel(unmasked)?).norm())
+    };
+    let displacements: Vec<f64> = masked.matches.iter().filter_map(displacement).collect();
+    let small = displacements.iter().filter(|d| **d < MAX_DISPLACEMENT).count();
+    2 * small > displacements.len()
 }
 
 /// Whether a frame that was localised without its mask shows the static scene behind the mask.

@@ -8,6 +8,11 @@ use crate::motion_filter::{MotionFilter, UncertainPose};
 /// A gap longer than this (seconds) says nothing about the velocity.
 const MAX_EXTRAPOLATION: f64 = 0.5;
 
+/// A frame that comes after less than this share of the usual time does so because of its stamp.
+const SHORTENED: f64 = 0.5;
+/// Growth of the usual interval per frame at most: a camera that has become slower is believed within a second.
+const LENGTHENED: f64 = 1.2;
+
 /// The last pose and the velocity.
 #[derive(Clone, Debug)]
 #[allow(non_snake_case)]
@@ -15,9 +20,11 @@ pub(crate) struct Motion {
     stamp: Stamp,
     T_camera_world: Pose,
     T_odom_camera: Pose,
-    /// Motion of the camera during `interval` seconds: `T_next_camera · T_camera_world`.
-    velocity: Pose,
+    /// Twist of the camera per second between the last two poses, `interval` seconds apart; zero where there is only one.
+    velocity: Vector6<f64>,
     interval: f64,
+    /// The shortest interval of late, seconds: that of the camera, where frames are dropped now and then.
+    usual_interval: f64,
     filter: MotionFilter,
 }
 
@@ -26,7 +33,15 @@ impl Motion {
     /// At rest, at a pose that is taken as exact: it says where the world is.
     pub(crate) fn start(stamp: Stamp, T_camera_world: Pose, T_odom_camera: Pose) -> Self {
         let filter = MotionFilter::start(&Matrix6::zeros());
-        Self { stamp, T_camera_world, T_odom_camera, velocity: Pose::identity(), interval: 0.0, filter }
+        Self {
+            stamp,
+            T_camera_world,
+            T_odom_camera,
+            velocity: Vector6::zeros(),
+            interval: 0.0,
+            usual_interval: 0.0,
+            filter,
+        }
     }
 
     /// The pose at `stamp` by what was found there and by the motion so far. [`Self::update`] then records it.
@@ -61,7 +76,13 @@ impl Motion {
 
     /// Twist of the camera per second in its own frame (`exp(ξ·t) · T_camera_world`) between the last two poses.
     pub(crate) fn velocity(&self) -> Vector6<f64> {
-        if self.interval <= 0.0 { Vector6::zeros() } else { pose::log(&self.velocity) / self.interval }
+        self.velocity
+    }
+
+    /// Whether a pose comes so soon after the last that its stamp rather says something of the driver: a velocity over that time would be
+    /// many times too large.
+    fn is_jitter(&self, elapsed: f64) -> bool {
+        elapsed < SHORTENED * self.usual_interval
     }
 
     /// The same at `stamp`, when the camera is at `T_camera_world`; zero after a gap. The mean over the last interval is that of
@@ -70,6 +91,9 @@ impl Motion {
         let elapsed = stamp.seconds_since(self.stamp);
         if elapsed <= 0.0 || elapsed > MAX_EXTRAPOLATION {
             return Vector6::zeros();
+        }
+        if self.is_jitter(elapsed) {
+            return self.velocity;
         }
         let mean = pose::log(&(T_camera_world * self.T_camera_world.inverse())) / elapsed;
         if self.interval <= 0.0 {
@@ -81,7 +105,7 @@ impl Motion {
     /// The velocity at the last pose, when the camera came to be at `T_camera_world` at `stamp` after it: by both intervals.
     pub(crate) fn velocity_between(&self, stamp: Stamp, T_camera_world: &Pose) -> Vector6<f64> {
         let elapsed = stamp.seconds_since(self.stamp);
-        if elapsed <= 0.0 || elapsed > MAX_EXTRAPOLATION {
+        if elapsed <= 0.0 || elapsed > MAX_EXTRAPOLATION || self.is_jitter(elapsed) {
             return self.velocity();
         }
         let after = pose::log(&(T_camera_world * self.T_camera_world.inverse())) / elapsed;
@@ -93,9 +117,18 @@ impl Motion {
 
     /// Records the pose at `stamp`.
     pub(crate) fn update(&mut self, stamp: Stamp, T_camera_world: Pose) {
-        self.velocity = T_camera_world * self.T_camera_world.inverse();
-        self.interval = stamp.seconds_since(self.stamp);
-        self.T_odom_camera *= self.velocity.inverse();
+        let moved = T_camera_world * self.T_camera_world.inverse();
+        let elapsed = stamp.seconds_since(self.stamp);
+        if self.is_jitter(elapsed) {
+            // A camera that has become faster is believed after a few frames.
+            self.usual_interval = elapsed.max(SHORTENED * self.usual_interval);
+        } else {
+            self.velocity = if elapsed > 0.0 { pose::log(&moved) / elapsed } else { Vector6::zeros() };
+            self.interval = elapsed;
+            let longest = if self.usual_interval > 0.0 { LENGTHENED * self.usual_interval } else { elapsed };
+            self.usual_interval = elapsed.min(longest);
+        }
+        self.T_odom_camera *= moved.inverse();
         self.T_odom_camera.rotation.renormalize();
         self.T_camera_world = pose::renormalized(T_camera_world);
         self.stamp = stamp;
@@ -108,7 +141,8 @@ impl Motion {
 
     /// The last two poses were estimated anew; odometry goes on from where it is.
     pub(crate) fn revise(&mut self, T_before_world: &Pose, T_camera_world: Pose) {
-        self.velocity = T_camera_world * T_before_world.inverse();
+        let moved = T_camera_world * T_before_world.inverse();
+        self.velocity = if self.interval > 0.0 { pose::log(&moved) / self.interval } else { Vector6::zeros() };
         self.T_camera_world = pose::renormalized(T_camera_world);
     }
 
@@ -116,6 +150,11 @@ impl Motion {
     pub(crate) fn restart(&mut self, stamp: Stamp, found: &UncertainPose) {
         let filter = MotionFilter::start(&found.covariance);
         *self = Self { filter, ..Self::start(stamp, found.T_camera_world, self.T_odom_camera) };
+    }
+
+    /// Of the last pose.
+    pub(crate) fn stamp(&self) -> Stamp {
+        self.stamp
     }
 
     pub(crate) fn T_camera_world(&self) -> &Pose {
@@ -142,6 +181,24 @@ mod tests {
         assert!((motion.velocity_at(at(70), &pose(0.07)).x - 0.14).abs() < 1e-9);
         assert_eq!(motion.velocity_at(at(5000), &pose(0.07)), Vector6::zeros());
         assert!((motion.velocity_between(at(70), &pose(0.07)).x - 0.06).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_stamp_that_jitters_makes_no_velocity() {
+        let at = |ms: f64| Stamp::from_nanos((ms * 1e6) as i64);
+        let pose = |frame: f64| pose::exp(&Vector6::new(0.01 * frame, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let mut motion = Motion::start(at(0.0), pose(0.0), Pose::identity());
+        (1..5).for_each(|k| motion.update(at(33.0 * f64::from(k)), pose(f64::from(k))));
+        let before = motion.velocity();
+        assert_eq!(motion.velocity_at(at(133.0), &pose(5.0)), before, "one millisecond for the way of 33");
+        motion.update(at(133.0), pose(5.0));
+        assert_eq!(motion.velocity(), before);
+        motion.update(at(233.0), pose(8.0));
+        assert!((motion.velocity() - before).norm() < 0.01, "two frames were dropped");
+        motion.update(at(266.0), pose(9.0));
+        assert!((motion.velocity() - before).norm() < 0.01);
+        (1..9).for_each(|k| motion.update(at(266.0 + 10.0 * f64::from(k)), pose(9.0 + f64::from(k))));
+        assert!((motion.velocity().x - 1.0).abs() < 1e-6, "a camera of 100 Hz: {}", motion.velocity());
     }
 
     #[test]

@@ -61,11 +61,14 @@ pub struct TrackedFrame {
     pub T_odom_camera: Option<Pose>,
     /// Covariance of a perturbation on the right of the pose, in the camera frame (tx ty tz rx ry rz; m², rad²).
     pub covariance: Matrix6<f64>,
+    /// Whether the camera is in a part of the map whose place with respect to the rest is only guessed: it was lost for long, and has
+    /// shown nothing known since. The covariance says so as well.
+    pub is_apart: bool,
     /// Velocity of the camera in its own frame (vx vy vz wx wy wz; m/s, rad/s).
     pub twist: Vector6<f64>,
     /// Covariance of the twist (m²/s², rad²/s²); large while nothing is known of the velocity.
     pub twist_covariance: Matrix6<f64>,
-    /// Features outside the mask.
+    /// Features outside the mask, or all where the mask was given up.
     pub features: u32,
     /// Features that agree with the map.
     pub inliers: u32,

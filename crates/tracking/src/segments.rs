@@ -31,6 +31,11 @@ impl Segments {
         self.segment_of.insert(keyframe, self.current);
     }
 
+    /// Whether `keyframe` belongs to the current segment.
+    pub(crate) fn is_current(&self, keyframe: KeyframeId) -> bool {
+        self.of(keyframe) == self.current
+    }
+
     /// The camera was found near `keyframe`: its segment is the current one.
     pub(crate) fn enter(&mut self, keyframe: KeyframeId) {
         self.current = self.of(keyframe);
@@ -83,7 +88,9 @@ mod tests {
         segments.join(order[4], order[0]);
         assert_eq!(segments.largest(&order), order);
         segments.begin();
+        assert!(!segments.is_current(order[0]));
         segments.enter(order[3]);
+        assert!(segments.is_current(order[0]));
         let next = arena.insert(());
         segments.add(next);
         assert!(segments.are_joined(next, order[0]));

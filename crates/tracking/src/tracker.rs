@@ -26,6 +26,7 @@ use crate::result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
 use crate::rolling_shutter::Shutter;
 
 /// Camera tracking and mapping.
+#[allow(non_snake_case)]
 pub struct Tracker {
     camera: Camera,
     config: TrackingConfig,
@@ -42,6 +43,10 @@ pub struct Tracker {
     lost_since: Option<Stamp>,
     /// Kept until the map was judged by masks that know what moves.
     first_frames: Option<FirstFrames>,
+    /// Pose of the camera in the odometry frame with which the next map starts.
+    T_odom_start: Pose,
+    /// Of the segment that the camera is in, with respect to the one that holds the origin.
+    segment_covariance: Matrix6<f64>,
     /// With the readout time, a property of the camera: it outlives the map.
     refinement: Refinement,
 }
@@ -49,11 +54,19 @@ pub struct Tracker {
 /// Variance of the first pose (m², rad²), which defines the world: a millimetre and a milliradian, as nobody can work with zero.
 const FIRST_VARIANCE: f64 = 1e-6;
 
+/// Speed of a camera whose whereabouts nobody knows, m/s and rad/s: the standard deviation of a walk and of looking around.
+const SPEED: f64 = 1.0;
+
+/// Covariance of the motion of a camera that was lost for so long, seconds.
+fn displacement_covariance(seconds: f64) -> Matrix6<f64> {
+    Matrix6::from_diagonal_element((SPEED * seconds).powi(2))
+}
+
 /// A frame on its way through [`Tracker::track`].
 struct Candidate<'a> {
     frame: &'a RgbdFrame,
     index: usize,
-    /// `None` once the mask was given up because it leaves too little.
+    /// `None` once the mask was given up: because it leaves too little, or because the map contradicts it.
     mask: Option<&'a Mask>,
     features: ImageFeatures,
 }
@@ -88,6 +101,8 @@ impl Tracker {
             loops: 0,
             lost_since: None,
             first_frames: None,
+            T_odom_start: Pose::identity(),
+            segment_covariance: Matrix6::zeros(),
             refinement: Refinement::new(config.rolling_shutter.readout),
         })
     }
@@ -168,24 +183,31 @@ impl Tracker {
             self.see_enough_to_start(candidate)?;
             return Ok(None);
         }
-        if self.state == TrackingState::Lost {
-            return Ok(self.relocalize(&candidate.features));
+        if self.state != TrackingState::Lost
+            && let Some(followed) = self.follow_with_or_without_mask(candidate)?
+        {
+            return Ok(Some(followed));
         }
-        let followed = self.follow_with_or_without_mask(candidate)?;
-        if followed.is_none() {
-            // Also for this frame the camera may be found in the map as a whole.
-            self.state = TrackingState::Lost;
-            return Ok(self.relocalize(&candidate.features));
+        // Also for a frame that could not be followed the camera may be found in the map as a whole.
+        self.state = TrackingState::Lost;
+        let found = self.relocalize(&candidate.features);
+        if found.is_some() || !self.leaves_little(candidate) {
+            return Ok(found);
         }
-        Ok(followed)
+        self.see_enough_to_start(candidate)?;
+        Ok(self.relocalize(&candidate.features))
     }
 
-    /// A map starts without a mask that leaves too little for it, or covers much: nothing is known yet that could contradict it, and as
+    /// Whether a mask leaves little to go by.
+    fn leaves_little(&self, candidate: &Candidate<'_>) -> bool {
+        let few = candidate.features.with_depth() < self.config.pose.min_initial_points;
+        candidate.mask.is_some_and(|mask| few || mask.fraction() > self.config.pose.doubtful_mask)
+    }
+
+    /// A map starts, or is found again, without a mask that leaves too little for it, or covers much: nothing is known yet that could contradict it, and as
     /// long as it stays, little else would ever be tracked. What moves is found out by [`Self::begin_anew`].
     fn see_enough_to_start(&mut self, candidate: &mut Candidate<'_>) -> Result<(), TrackingError> {
-        let Some(mask) = candidate.mask else { return Ok(()) };
-        let few = candidate.features.with_depth() < self.config.pose.min_initial_points;
-        if few || mask.fraction() > self.config.pose.doubtful_mask {
+        if self.leaves_little(candidate) {
             candidate.mask = None;
             candidate.features = self.extract(candidate.frame, None)?;
         }
@@ -223,12 +245,17 @@ impl Tracker {
         let masked_features = std::mem::replace(&mut candidate.features, unmasked_features);
         let unmasked = self.active.as_ref().and_then(|active| self.follow(active, candidate));
         let model = (&self.camera, &self.config);
-        let is_better = |found: &Localized| {
-            !enough || mask_check::is_contradicted(self.mapper.map(), model, mask, &candidate.features, found)
+        let Some(found) = unmasked else {
+            candidate.features = masked_features;
+            return Ok(masked);
         };
-        if unmasked.as_ref().is_some_and(is_better) {
+        let map = self.mapper.map();
+        let agrees =
+            !enough || masked.as_ref().is_none_or(|masked| mask_check::agree(map, &self.camera, masked, &found));
+        let contradicted = agrees && mask_check::is_contradicted(map, model, mask, &candidate.features, &found);
+        if contradicted || !enough && masked.as_ref().is_none_or(|masked| found.surpasses(masked)) {
             candidate.mask = None;
-            return Ok(unmasked);
+            return Ok(Some(found));
         }
         candidate.features = masked_features;
         Ok(masked)
@@ -269,13 +296,18 @@ impl Tracker {
         let known = matches!(self.state, TrackingState::Ok | TrackingState::Relocalized);
         let motion = self.active.as_ref().filter(|_| known).map(|active| &active.motion);
         let (twist, twist_covariance) = motion.map(Motion::twist).unwrap_or_default();
+        let is_apart = self.mapper.is_apart();
+        if !is_apart {
+            self.segment_covariance = Matrix6::zeros();
+        }
         let map = self.mapper.map();
         let tracked = TrackedFrame {
             stamp: self.last_stamp.unwrap_or_default(),
             state: self.state,
             T_world_camera: motion.map(|m| m.T_camera_world().inverse()),
             T_odom_camera: motion.map(|m| *m.T_odom_camera()),
-            covariance,
+            covariance: covariance + self.segment_covariance,
+            is_apart,
             twist,
             twist_covariance,
             features: features as u32,
@@ -300,7 +332,7 @@ impl Tracker {
     /// the map is judged again later.
     fn initialize(&mut self, candidate: Candidate<'_>) -> bool {
         let unknown = !candidate.mask.is_some_and(|mask| mask.fraction() > 0.0);
-        let motion = Motion::start(candidate.frame.stamp(), Pose::identity(), Pose::identity());
+        let motion = Motion::start(candidate.frame.stamp(), Pose::identity(), self.T_odom_start);
         let mut first_frames = FirstFrames::default();
         first_frames.push(candidate.frame.stamp(), candidate.features.clone());
         let started = self.start_from(candidate, motion);
@@ -312,7 +344,9 @@ impl Tracker {
     /// anew with this frame, and the frames before it are tracked again. Returns whether it did.
     fn begin_anew(&mut self, candidate: &Candidate<'_>) -> bool {
         let Some(first_frames) = &mut self.first_frames else { return false };
-        if first_frames.len() < self.config.mapping.first_frames {
+        let enough = self.config.mapping.first_frames;
+        // A frame of which the mask is late decides nothing.
+        if first_frames.len() < enough || candidate.mask.is_none() && first_frames.len() < 2 * enough {
             first_frames.push(candidate.frame.stamp(), candidate.features.clone());
             return false;
         }
@@ -361,6 +395,7 @@ impl Tracker {
         }
         let mut motion = active.motion.clone();
         let here = UncertainPose { T_camera_world: *active.motion.T_camera_world(), covariance: Matrix6::zeros() };
+        self.segment_covariance += displacement_covariance(stamp.seconds_since(motion.stamp()));
         motion.restart(stamp, &here);
         self.mapper.begin_segment();
         self.start_from(candidate, motion)
@@ -368,7 +403,7 @@ impl Tracker {
 
     /// Makes the first keyframe of a segment, if the frame has enough depth for it.
     fn start_from(&mut self, candidate: Candidate<'_>, motion: Motion) -> bool {
-        if candidate.features.with_depth() < self.config.pose.min_initial_points {
+        if !self.config.mapping.enabled || candidate.features.with_depth() < self.config.pose.min_initial_points {
             return false;
         }
         let (stamp, pose) = (candidate.frame.stamp(), *motion.T_camera_world());
@@ -496,15 +531,38 @@ impl Tracker {
         self.move_with_map(moved);
     }
 
-    /// Forgets the map and everything else; configuration and camera, with its readout time, stay.
+    /// Forgets the map and everything else; configuration and camera, with its readout time, stay, and the odometry goes on from where it
+    /// is. Where nothing is mapped the map that was loaded stays as well, and the camera is looked for in it.
+    #[allow(non_snake_case)]
     pub fn reset(&mut self) {
-        self.mapper.clear();
+        if let Some(active) = &self.active {
+            self.T_odom_start = *active.motion.T_odom_camera();
+        }
+        self.segment_covariance = Matrix6::zeros();
+        if self.config.mapping.enabled {
+            self.mapper.clear();
+        } else {
+            self.mapper.forget_trajectory();
+        }
         self.rng = Pcg32::seed_from_u64(self.seed);
         self.state = TrackingState::NotInitialized;
         self.last_stamp = None;
         self.lost_since = None;
         self.first_frames = None;
         self.active = None;
+        self.expect_to_be_found();
+    }
+
+    /// Where there is a map and no camera in it, the camera counts as lost near the newest keyframe.
+    fn expect_to_be_found(&mut self) {
+        let newest = self.mapper.newest().and_then(|id| Some((id, self.mapper.map().keyframe(id)?)));
+        if let Some((reference, keyframe)) = newest {
+            let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, self.T_odom_start);
+            self.refinement = Refinement::new(keyframe.features.shutter().readout);
+            self.active = Some(Active::new(motion, reference, Vec::new()));
+            self.state = TrackingState::Lost;
+            self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
+        }
     }
 
     /// Writes the map to a file: its largest segment.
@@ -525,14 +583,8 @@ impl Tracker {
         mapper.set_waiting(self.mapper.waits());
         self.reset();
         self.mapper = mapper;
-        let newest = self.mapper.newest().and_then(|id| Some((id, self.mapper.map().keyframe(id)?)));
-        if let Some((reference, keyframe)) = newest {
-            let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, Pose::identity());
-            self.refinement = Refinement::new(keyframe.features.shutter().readout);
-            self.active = Some(Active::new(motion, reference, Vec::new()));
-            self.state = TrackingState::Lost;
-            self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
-        }
+        self.active = None;
+        self.expect_to_be_found();
         Ok(())
     }
 

@@ -193,8 +193,7 @@ mod tests {
     fn a_hole_that_goes_round_a_corner_is_one() {
         // Two columns that meet at the bottom: seven pixels.
         let hole = [7, 9, 13, 15, 19, 20, 21];
-        let mut mask = [255_u8; 24];
-        hole.iter().for_each(|&i| mask[i] = 0);
+        let mask: [u8; 24] = std::array::from_fn(|i| if hole.contains(&i) { 0 } else { 255 });
         let filled = |max_pixels| {
             let mut mask = mask;
             HoleFiller::default().fill(CAMERA.width, &mut mask, max_pixels);
