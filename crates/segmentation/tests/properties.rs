@@ -87,6 +87,14 @@ fn a_box_that_comes_in_is_masked_within_three_frames_and_nothing_else_is() {
 }
 
 #[test]
+fn two_frames_suffice_for_a_box_that_moves() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    segmenter.segment(&scene(0, Some(120))).unwrap();
+    let (recall, precision) = score(&segmenter.segment(&scene(1, Some(126))).unwrap(), 126);
+    assert!(recall > 0.8 && precision > 0.8, "recall {recall}, precision {precision}");
+}
+
+#[test]
 fn a_box_that_is_put_down_becomes_part_of_the_scene() {
     let mut segmenter = segmenter(Mode::Pfd);
     for frame in 0..10 {

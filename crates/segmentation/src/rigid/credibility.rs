@@ -55,7 +55,7 @@ pub(crate) fn strengths(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> [f32; Cue
     sums.map(|sum| sum / (sum + HALF * pixels.len() as f32))
 }
 
-/// Log-odds from which a region is believed, if `agreement` is the share of the corners beside it and beside known movers that
+/// Log-odds from which a region is believed, if `agreement` is the share of the corners beside all such regions and known movers that
 /// follow the camera.
 pub(crate) fn limit(supported: bool, agreement: f32) -> f32 {
     match supported {

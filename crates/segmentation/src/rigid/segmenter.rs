@@ -90,8 +90,8 @@ struct Buffers {
     conductance: Conductance,
     range: [Vec<f32>; 2],
     visited: Vec<bool>,
-    /// Which new region each pixel lies in, from 1 on.
-    candidates: Vec<u16>,
+    /// Whether a pixel lies in a new region.
+    candidates: Vec<bool>,
     holes: HoleFiller,
     spare_mask: Vec<u8>,
 }
@@ -448,16 +448,15 @@ impl RigidSegmenter {
         }
     }
 
-    /// What the cues say together of the `k`th component that continues no object. Less is asked where, if configured, more particles have
+    /// What the cues say together of a component that continues no object. Less is asked where, if configured, more particles have
     /// gathered than chance would put there, or where a good part surely stands before the static model. What
     /// moves on a large plane that stays where it is is a reflection, or a picture on a screen.
-    fn judge(&self, k: usize, component: &Component, estimate: &MotionEstimate) -> NewRegion {
-        let (labels, candidates) = (&self.objects.labels, &self.buffers.candidates);
-        let agreement = estimate.agreement(|c| labels[c.from] == BACKGROUND && candidates[c.to] != k as u16 + 1);
+    fn judge(&self, component: &Component, agreement: f32) -> NewRegion {
         let count = component.pixels.len();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
         let share = count as f64 / self.view.camera.pixels() as f64;
-        let expected = self.particles.count as f64 * (share * MIN_DENSITY).min(MAX_SUPPORT);
+        let density = if self.compares_first_two() { 1.0 } else { MIN_DENSITY };
+        let expected = self.particles.count as f64 * (share * density).min(MAX_SUPPORT);
         let intruding: f32 = component.pixels.iter().map(|&i| self.field.intruding[i as usize]).sum();
         let supported =
             !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
@@ -470,6 +469,21 @@ impl RigidSegmenter {
             cues,
             believed: credibility::log_odds(&cues) > credibility::limit(supported, agreement) && !reflection,
         }
+    }
+
+    /// Whether there is one earlier frame only: nothing is known yet of what moves, and particles have made a single step.
+    fn compares_first_two(&self) -> bool {
+        self.history.len() == 1
+    }
+
+    /// Share of the corners that follow the camera, known movers and what may be new ones aside. Of the first two frames
+    /// movers that have not been found yet have as much of a share in it as anything else, so that it counts as whole.
+    fn agreement(&self, estimate: &MotionEstimate) -> f32 {
+        if self.compares_first_two() {
+            return 1.0;
+        }
+        let (labels, candidates) = (&self.objects.labels, &self.buffers.candidates);
+        estimate.agreement(|c| labels[c.from] == BACKGROUND && !candidates[c.to])
     }
 
     /// Regions of the camera image and the particles on each.
@@ -494,7 +508,8 @@ impl RigidSegmenter {
         let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
         let (mut found, new): (Vec<_>, Vec<_>) = found.into_iter().partition(|c| self.objects.continues(c));
         mark(&new, camera.pixels(), &mut b.candidates);
-        self.new_regions = new.iter().enumerate().map(|(k, component)| self.judge(k, component, estimate)).collect();
+        let agreement = self.agreement(estimate);
+        self.new_regions = new.iter().map(|component| self.judge(component, agreement)).collect();
         let believed = new.into_iter().zip(&self.new_regions).filter(|(_, judged)| judged.believed);
         found.extend(believed.map(|(component, _)| component));
         self.objects.update(found, &self.field.motion, time);
@@ -616,13 +631,11 @@ impl RigidSegmenter {
     }
 }
 
-/// Marks the pixels of each component by its index, from 1 on; the others are 0.
-fn mark(components: &[Component], pixels: usize, out: &mut Vec<u16>) {
+/// Marks the pixels of components.
+fn mark(components: &[Component], pixels: usize, out: &mut Vec<bool>) {
     out.clear();
-    out.resize(pixels, 0);
-    for (component, mark) in components.iter().zip(1..) {
-        component.pixels.iter().for_each(|&i| out[i as usize] = mark);
-    }
+    out.resize(pixels, false);
+    components.iter().flat_map(|c| &c.pixels).for_each(|&i| out[i as usize] = true);
 }
 
 fn adopt(camera: &super::view::Pinhole, frame: &ViewFrame, model: &mut StaticModel, i: usize) {
