@@ -56,10 +56,12 @@ const FIRST_VARIANCE: f64 = 1e-6;
 
 /// Speed of a camera whose whereabouts nobody knows, m/s and rad/s: the standard deviation of a walk and of looking around.
 const SPEED: f64 = 1.0;
+/// After so long, seconds, it may be anywhere. The last keyframe of a map that was loaded may be days old, or younger than the frame.
+const ANYWHERE_AFTER: f64 = 100.0;
 
 /// Covariance of the motion of a camera that was lost for so long, seconds.
 fn displacement_covariance(seconds: f64) -> Matrix6<f64> {
-    Matrix6::from_diagonal_element((SPEED * seconds).powi(2))
+    Matrix6::from_diagonal_element((SPEED * seconds.abs().min(ANYWHERE_AFTER)).powi(2))
 }
 
 /// A frame on its way through [`Tracker::track`].
@@ -204,8 +206,8 @@ impl Tracker {
         candidate.mask.is_some_and(|mask| few || mask.fraction() > self.config.pose.doubtful_mask)
     }
 
-    /// A map starts, or is found again, without a mask that leaves too little for it, or covers much: nothing is known yet that could contradict it, and as
-    /// long as it stays, little else would ever be tracked. What moves is found out by [`Self::begin_anew`].
+    /// A map starts, or is found again, without a mask that leaves too little for it, or covers much: nothing is known yet that could
+    /// contradict it, and as long as it stays, little else would ever be tracked. What moves is found out by [`Self::begin_anew`].
     fn see_enough_to_start(&mut self, candidate: &mut Candidate<'_>) -> Result<(), TrackingError> {
         if self.leaves_little(candidate) {
             candidate.mask = None;

@@ -448,8 +448,8 @@ impl RigidSegmenter {
         }
     }
 
-    /// What the cues say together of a component that continues no object. Less is asked where, if configured, more particles have
-    /// gathered than chance would put there, or where a good part surely stands before the static model. What
+    /// What the cues say together of a component that continues no object. Less is asked where, if configured, many times the
+    /// particles have gathered that chance would put there, or where a good part surely stands before the static model. What
     /// moves on a large plane that stays where it is is a reflection, or a picture on a screen.
     fn judge(&self, component: &Component, agreement: f32) -> NewRegion {
         let count = component.pixels.len();
@@ -608,9 +608,8 @@ impl RigidSegmenter {
     /// Removes a past frame if there are enough: the oldest, or, where frames follow one another faster than their age matters, the newest.
     fn make_room(&mut self) -> Option<Reference> {
         let spacing = self.config.older_reference_age / f64::from(SPACINGS);
-        let close =
-            self.history.iter().take(2).map(|r| r.time).reduce(|new, old| new - old).filter(|_| self.history.len() > 1);
-        if close.is_some_and(|gap| gap < spacing) {
+        let gap = self.history.front().zip(self.history.get(1)).map(|(newest, before)| newest.time - before.time);
+        if gap.is_some_and(|gap| gap < spacing) {
             return self.history.pop_front();
         }
         if self.history.len() >= HISTORY { self.history.pop_back() } else { None }
