@@ -141,6 +141,17 @@ pub enum Compensation {
     Homography,
 }
 
+/// Where pixels without depth are looked for in earlier frames.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MissingDepth {
+    /// As far away as what is beside them in their row, the farther side of the gap.
+    #[default]
+    Background,
+    /// On the plane that most of the frame lies on: by the homography of this plane under the camera motion.
+    Homography,
+}
+
 /// What of an object's surroundings belongs to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -159,6 +170,8 @@ pub enum RegionShape {
 pub struct PfdConfig {
     /// How camera motion is compensated.
     pub compensation: Compensation,
+    /// How pixels without depth are compared.
+    pub missing_depth: MissingDepth,
     /// Compare with an older frame as well, not only with the previous one.
     pub older_reference: bool,
     /// Keep a model of the static scene and compare with it.
@@ -208,6 +221,7 @@ impl Default for PfdConfig {
     fn default() -> Self {
         Self {
             compensation: Compensation::Se3,
+            missing_depth: MissingDepth::Background,
             older_reference: true,
             static_model: true,
             region: RegionShape::DepthEdges,

@@ -11,7 +11,8 @@ mod rigid;
 mod segmenter;
 
 pub use config::{
-    Compensation, Mode, PaperConfig, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig, UnknownMode,
+    Compensation, MissingDepth, Mode, PaperConfig, ParticleConfig, PfdConfig, RegionShape, SegmentationConfig,
+    UnknownMode,
 };
 pub use result::{BoundingBox, DynamicRegion, FailOpenReason, NewRegion, Segmentation, SegmentationError, Status};
 pub use segmenter::Segmenter;

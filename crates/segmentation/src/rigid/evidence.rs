@@ -406,32 +406,9 @@ pub(crate) fn steepest_gradient(camera: &Pinhole, gray: &[u8], spare: &mut Vec<f
     }
 }
 
-/// Fills missing depth from the farther end of each gap in a row: what shows through a gap is mostly background.
-pub(crate) fn fill_rows(width: usize, depth: &[f32], out: &mut Vec<f32>) {
-    out.clear();
-    out.extend_from_slice(depth);
-    for row in out.chunks_exact_mut(width.max(1)) {
-        let mut start = 0;
-        while let Some(gap) = row[start..].iter().position(|&z| z == 0.0).map(|g| g + start) {
-            let end = row[gap..].iter().position(|&z| z > 0.0).map_or(row.len(), |e| e + gap);
-            let left = if gap > 0 { row[gap - 1] } else { 0.0 };
-            let right = row.get(end).copied().unwrap_or(0.0);
-            row[gap..end].fill(left.max(right));
-            start = end;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn gaps_take_the_farther_border() {
-        let mut out = Vec::new();
-        fill_rows(5, &[1.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], &mut out);
-        assert_eq!(out, [1.0, 2.0, 2.0, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    }
 
     #[test]
     fn gradient_of_a_ramp() {

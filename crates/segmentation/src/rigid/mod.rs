@@ -8,6 +8,7 @@ mod disjoint_sets;
 mod ego_motion;
 mod evidence;
 mod large_planes;
+mod missing_depth;
 mod motion;
 mod objects;
 mod planes;

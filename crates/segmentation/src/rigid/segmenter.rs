@@ -9,8 +9,9 @@ use rand_pcg::Pcg64Mcg;
 
 use super::credibility;
 use super::diffusion::{Conductance, EdgeScales};
-use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, fill_rows, steepest_gradient};
+use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, steepest_gradient};
 use super::large_planes::{LargePlanes, NO_PLANE};
+use super::missing_depth;
 use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
@@ -257,7 +258,7 @@ impl RigidSegmenter {
         let camera = &self.view.camera;
         let b = &mut self.buffers;
         steepest_gradient(camera, self.current.gray.pixels(), &mut b.spare, &mut b.gradient);
-        fill_rows(camera.width, self.current.depth.pixels(), &mut self.buffers.filled);
+        missing_depth::fill(camera, self.current.depth.pixels(), self.config.missing_depth, &mut b.filled);
         Ok(())
     }
 
