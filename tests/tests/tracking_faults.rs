@@ -230,7 +230,9 @@ fn what_stood_in_the_map_and_sets_off_before_its_mask_comes_leaves_the_map_as_it
         let known = if steps <= UNMASKED { Mask::empty(640, 480) } else { mask };
         let tracked = run.track(&frame, Some(&known));
         let off = tracked.T_world_camera.unwrap().translation.vector.norm();
-        assert!(steps <= UNMASKED || off < 0.005, "{off} m, {} frames after the mask", steps - UNMASKED);
+        // In the first frame with a mask the velocity is still that of the board; the map is as it was.
+        let allowed = if steps == UNMASKED + 1 { 0.02 } else { 0.003 };
+        assert!(steps <= UNMASKED || off < allowed, "{off} m, {} frames after the mask", steps - UNMASKED);
     }
 }
 
@@ -306,6 +308,9 @@ fn mean_ate(run_from: impl Fn(usize) -> f64) -> f64 {
 /// 12. A mask that is wrongly believed or given up makes the error several times as large.
 const WORSE: f64 = 1.25;
 
+/// What missing masks may cost. Where points of walkers and of the room count alike, they make the error more than twice as large.
+const UNSEEN: f64 = 1.5;
+
 /// A mask that covers the given share of the image from the left.
 fn curtain(share: f64) -> Mask {
     let mut mask = Mask::empty(640, 480);
@@ -363,6 +368,23 @@ fn a_mask_on_what_moves_is_believed_however_large_it_is() {
     };
     let (never, always) = (play(1.0), play(0.01));
     assert!(always < WORSE * never, "ATE {always} with masks that are checked against the map, {never} with trust");
+}
+
+/// Points that have stood for long outvote those of somebody who just came in.
+#[test]
+fn walkers_whom_no_mask_shows_hardly_take_the_camera_along() {
+    let play = |is_masked: bool| {
+        mean_ate(|first| {
+            let mut run = Run::new();
+            for i in first..run.sequence.len() {
+                let mask = if is_masked { run.mask(i) } else { Mask::empty(640, 480) };
+                run.track(&run.frame(i), Some(&mask));
+            }
+            run.ate()
+        })
+    };
+    let (without, with) = (play(false), play(true));
+    assert!(without < UNSEEN * with, "ATE {without} with empty masks, {with} with true ones");
 }
 
 #[test]

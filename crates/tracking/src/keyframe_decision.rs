@@ -27,9 +27,6 @@ pub(crate) struct Situation<'a> {
 /// Time without keyframes after an interruption, seconds: segmentation has to learn anew what moves, and masks nothing until then.
 const QUIET: f64 = 0.2;
 
-/// With this many times the wanted points a keyframe can wait until it is clear what the frame shows.
-const PLENTY: f64 = 1.5;
-
 /// Mur-Artal and Tardós, T-RO 2017, section III-E: too little is left of the reference keyframe, or much new is in view.
 pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'_>) -> bool {
     let Situation { features, matches, .. } = situation;
@@ -43,8 +40,9 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
     let too_soon = newest.is_some_and(|k| since(k.stamp) < config.mapping.min_keyframe_interval);
     let quiet = situation.resumed.is_some_and(|stamp| since(stamp) < QUIET);
     let wanted = config.mapping.wanted_points;
-    // With little left to go by, a keyframe that may stand aside is better than none.
-    let doubtful = situation.agreement_broke_off && matches.len() as f64 >= PLENTY * wanted as f64;
+    // With fewer points than are wanted, a keyframe that may stand aside is better than none; with as many it can wait until it is clear
+    // what the frame shows.
+    let doubtful = situation.agreement_broke_off && matches.len() >= wanted;
     if too_soon || quiet || without_mask || doubtful {
         return false;
     }

@@ -219,8 +219,9 @@ impl Localizer<'_> {
             return None;
         }
         let observe = |m: &Match| {
-            let point = self.map.point(m.point)?.position;
-            Some(PoseObservation { point, measured: *features.measurement(m.feature) })
+            let point = self.map.point(m.point)?;
+            let measured = *features.measurement(m.feature);
+            Some(PoseObservation { point: point.position, measured, weight: point.standing() })
         };
         let (matches, observations): (Vec<_>, Vec<_>) =
             matches.into_iter().filter_map(|m| Some((m, observe(&m)?))).unzip();

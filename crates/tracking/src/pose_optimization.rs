@@ -13,6 +13,8 @@ pub struct PoseObservation {
     pub point: Point3<f64>,
     /// Where it was seen.
     pub measured: Measurement,
+    /// How much it counts beside the others: only the ratio of the weights matters, which are positive.
+    pub weight: f64,
 }
 
 /// An estimated pose.
@@ -55,6 +57,8 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
     let mut estimate = *initial;
     let mut inliers = vec![true; observations.len()];
     let mut hessian = Matrix6::zeros();
+    // With the mean at one, the covariance is that of so many observations.
+    let mean_weight = observations.iter().map(|o| o.weight).sum::<f64>() / observations.len().max(1) as f64;
     for round in 0..ROUNDS {
         if inliers.iter().filter(|&&inlier| inlier).count() < MIN_OBSERVATIONS {
             return None;
@@ -64,7 +68,7 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
             let (h, gradient) = normal_equations(camera, observations, &inliers, &estimate, robust);
             let step = h.cholesky()?.solve(&-gradient);
             estimate = pose::exp(&step) * estimate;
-            hessian = h;
+            hessian = h / mean_weight;
             if step.norm() < STEP_TOLERANCE {
                 break;
             }
@@ -104,7 +108,8 @@ fn normal_equations(
         };
         let kernel =
             if robust { RobustKernel::Huber(observation.measured.huber_width()) } else { RobustKernel::Quadratic };
-        let weighted = linear.by_pose.transpose() * kernel.weight(linear.residual.norm_squared());
+        let weight = observation.weight * kernel.weight(linear.residual.norm_squared());
+        let weighted = linear.by_pose.transpose() * weight;
         hessian += weighted * linear.by_pose;
         gradient += weighted * linear.residual;
     }
@@ -136,7 +141,7 @@ mod tests {
                     sigma: 1.0,
                     depth: with_depth.then_some((z, 0.01)),
                 };
-                PoseObservation { point, measured }
+                PoseObservation { point, measured, weight: 1.0 }
             })
             .collect()
     }
@@ -152,6 +157,39 @@ mod tests {
         }
     }
 
+    #[test]
+    fn what_is_known_for_long_outweighs_more_that_is_new() {
+        let truth = pose::exp(&Vector6::new(0.05, -0.02, 0.1, 0.02, -0.03, 0.05));
+        let still = scene(60, 0, &truth, true);
+        // Somebody whose points came in a moment ago, and who takes a step of 4 cm.
+        let step = pose::exp(&Vector6::new(0.04, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let moved =
+            |o: PoseObservation| PoseObservation { point: truth.inverse() * step.inverse() * truth * o.point, ..o };
+        let error_with = |weight: f64| {
+            let walker = scene(120, 0, &truth, true).into_iter().skip(30);
+            let walker = walker.map(|o| PoseObservation { weight, ..moved(o) });
+            let all: Vec<_> = still.iter().copied().chain(walker).collect();
+            let found = optimize_pose(&camera(), &all, &truth).unwrap();
+            (pose::log(&(found.T_camera_world * truth.inverse())).norm(), found)
+        };
+        let (equal, _) = error_with(1.0);
+        let (light, found) = error_with(0.05);
+        assert!(equal > 0.035, "more of what moves than of what stands takes the camera along: {equal}");
+        assert!(light < 1e-6, "{light}");
+        assert_eq!(found.inlier_count(), 60);
+    }
+
+    #[test]
+    fn only_the_ratio_of_weights_matters() {
+        let truth = pose::exp(&Vector6::new(0.05, -0.02, 0.1, 0.02, -0.03, 0.05));
+        let with = |weight: f64| {
+            let observations = scene(50, 5, &truth, true).into_iter().map(|o| PoseObservation { weight, ..o });
+            optimize_pose(&camera(), &observations.collect::<Vec<_>>(), &Pose::identity()).unwrap()
+        };
+        let (one, tenth) = (with(1.0), with(0.1));
+        assert!((one.covariance - tenth.covariance).norm() < 1e-9 * one.covariance.norm());
+    }
+
     /// Exact observations of points on the wall z = 2 m, at these pixels of the camera at the origin.
     fn wall(pixels: &[(f64, f64)], truth: &Pose, with_depth: bool) -> Vec<PoseObservation> {
         let observe = |&(x, y): &(f64, f64)| {
@@ -161,6 +199,7 @@ mod tests {
             PoseObservation {
                 point,
                 measured: Measurement { pixel: camera().project(&seen).unwrap(), sigma: 1.0, depth },
+                weight: 1.0,
             }
         };
         pixels.iter().map(observe).collect()

@@ -222,7 +222,11 @@ mod tests {
             let world = points(&mut rng);
             let mut seen = features(world.iter().map(|p| expose(p, &velocity, true_readout)).collect());
             seen.set_shutter(&camera(), Shutter { velocity, readout: readout.seconds() });
-            let observe = |(i, p): (usize, &Point3<f64>)| PoseObservation { point: *p, measured: *seen.measurement(i) };
+            let observe = |(i, p): (usize, &Point3<f64>)| PoseObservation {
+                point: *p,
+                measured: *seen.measurement(i),
+                weight: 1.0,
+            };
             let observations: Vec<_> = world.iter().enumerate().map(observe).collect();
             let found = optimize_pose(&camera(), &observations, &Pose::identity()).unwrap().T_camera_world;
             let sighting = |(feature, point)| Sighting { point, feature, placement: Placement::default() };

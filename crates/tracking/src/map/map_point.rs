@@ -48,6 +48,12 @@ struct Scale {
     level: u8,
 }
 
+/// Frames that must have found a point until it has full standing: two thirds of a second of a camera at 30 Hz, by which
+/// somebody who walks is a step farther.
+const ESTABLISHED_AFTER: u32 = 20;
+/// Standing of a point that was just made. Where all are new, all count alike.
+const NEWCOMER: f64 = 0.05;
+
 impl MapPoint {
     pub(super) fn new(position: Point3<f64>, color: [u8; 3]) -> Self {
         Self {
@@ -69,6 +75,13 @@ impl MapPoint {
     /// The feature of `keyframe` that shows it.
     pub fn observed_in(&self, keyframe: KeyframeId) -> Option<usize> {
         self.observations.iter().find(|seen| seen.keyframe == keyframe).map(|seen| seen.feature)
+    }
+
+    /// How far it is to be trusted beside other points, 0 to 1: the more, the more frames found it where it should be. What no mask shows
+    /// yet that it moves enters the map like anything else; it must not outvote what has stood there all along.
+    pub fn standing(&self) -> f64 {
+        let age = f64::from(self.counts.found.min(ESTABLISHED_AFTER)) / f64::from(ESTABLISHED_AFTER);
+        NEWCOMER + (1.0 - NEWCOMER) * age
     }
 
     /// The descriptor that differs least from the others.
