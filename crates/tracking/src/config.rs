@@ -269,7 +269,7 @@ pub struct PlaceConfig {
     /// Inliers that a recognised place must have.
     #[schemars(range(min = 10, max = 500))]
     pub min_inliers: usize,
-    /// Keyframes between two visits of a place that make it a loop.
+    /// Keyframes between two visits of a place that make it a loop. A camera that turns round once leaves a dozen.
     #[schemars(range(min = 5, max = 1000))]
     pub min_loop_gap: usize,
     /// A camera that was lost for this long in view of something starts a new segment of the map at its last known pose, seconds.
@@ -285,7 +285,7 @@ impl Default for PlaceConfig {
             loop_closing: true,
             candidates: 8,
             min_inliers: 40,
-            min_loop_gap: 15,
+            min_loop_gap: 5,
             new_segment_after: 3.0,
         }
     }
