@@ -76,7 +76,7 @@ impl Patch {
         let template = Template::new(reference, at, warp)?;
         let (mut position, mut offset) = (start, 0.0_f32);
         for _ in 0..ITERATIONS {
-            let window = self.window::<WINDOW>(position, &Matrix2::identity())?;
+            let window = self.upright_window(position)?;
             let step = template.step(&window, offset);
             position += step.xy();
             offset += step.z;
@@ -84,7 +84,7 @@ impl Patch {
                 return None;
             }
             if step.xy().norm() < STEP_TOLERANCE {
-                let window = self.window::<WINDOW>(position, &Matrix2::identity())?;
+                let window = self.upright_window(position)?;
                 return Some(Alignment { position, correlation: template.correlation(&window) });
             }
         }
@@ -101,6 +101,35 @@ impl Patch {
             for (x, value) in row.iter_mut().enumerate() {
                 *value = self.sample(origin + warp * Vector2::new(x as f32 - middle, y as f32 - middle))?;
             }
+        }
+        Some(out)
+    }
+
+    /// The same for a window that is neither turned nor scaled: all of it lies equally between the pixels.
+    fn upright_window(&self, at: Vector2<f32>) -> Option<[[f32; WINDOW]; WINDOW]> {
+        // From the centre of the patch to the corner of the window, from there to the corner of the patch.
+        const CORNER: f32 = (SIDE / 2) as f32 - (WINDOW as f32 - 1.0) / 2.0;
+        const LAST: f32 = (SIDE - WINDOW) as f32;
+        let (x, y) = (at.x - self.centre[0] as f32 + CORNER, at.y - self.centre[1] as f32 + CORNER);
+        let inside = x >= 0.0 && y >= 0.0 && x < LAST && y < LAST;
+        if !inside {
+            return None;
+        }
+        let (u, v) = (x as usize, y as usize);
+        let (a, b) = (x - u as f32, y - v as f32);
+        let between_columns = |row: usize| -> [f32; WINDOW] {
+            let pixels = &self.pixels[row * SIDE + u..][..=WINDOW];
+            std::array::from_fn(|i| {
+                let [left, right] = [pixels[i], pixels[i + 1]].map(f32::from);
+                left + (right - left) * a
+            })
+        };
+        let mut upper = between_columns(v);
+        let mut out = [[0.0; WINDOW]; WINDOW];
+        for (y, row) in out.iter_mut().enumerate() {
+            let lower = between_columns(v + y + 1);
+            *row = std::array::from_fn(|i| upper[i] + (lower[i] - upper[i]) * b);
+            upper = lower;
         }
         Some(out)
     }
@@ -212,6 +241,21 @@ mod tests {
             let found = current.align(start, &reference, start, &Matrix2::identity()).unwrap();
             assert!((found.position - start - shift).norm() < 0.05, "{shift:?}: {found:?}");
             assert!(found.correlation > 0.99);
+        }
+    }
+
+    #[test]
+    fn an_upright_window_is_a_window_without_a_warp() {
+        let patch = patch(&image(Vector2::new(0.2, 0.1), 0.3, 0.0));
+        let identity = Matrix2::identity();
+        for at in
+            [[30.0, 30.0], [28.3, 31.6], [33.9, 26.1], [34.49, 30.0], [34.5, 30.0], [30.0, 25.4], [f32::NAN, 30.0]]
+        {
+            let at = Vector2::from(at);
+            let (upright, any) = (patch.upright_window(at), patch.window::<WINDOW>(at, &identity));
+            assert_eq!(upright.is_some(), any.is_some(), "{at:?}");
+            let pairs = upright.iter().flatten().flatten().zip(any.iter().flatten().flatten());
+            pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-2, "{a} {b} at {at:?}"));
         }
     }
 
