@@ -80,8 +80,8 @@ impl MapPoint {
     /// How far it is to be trusted beside other points, 0 to 1: the more, the more frames found it where it should be. What no mask shows
     /// yet that it moves enters the map like anything else; it must not outvote what has stood there all along.
     pub fn standing(&self) -> f64 {
-        let age = f64::from(self.counts.found.min(ESTABLISHED_AFTER)) / f64::from(ESTABLISHED_AFTER);
-        NEWCOMER + (1.0 - NEWCOMER) * age
+        let proven = f64::from(self.counts.found.min(ESTABLISHED_AFTER)) / f64::from(ESTABLISHED_AFTER);
+        NEWCOMER + (1.0 - NEWCOMER) * proven
     }
 
     /// The descriptor that differs least from the others.
