@@ -57,8 +57,6 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
     let mut estimate = *initial;
     let mut inliers = vec![true; observations.len()];
     let mut hessian = Matrix6::zeros();
-    // With the mean at one, the covariance is that of so many observations.
-    let mean_weight = observations.iter().map(|o| o.weight).sum::<f64>() / observations.len().max(1) as f64;
     for round in 0..ROUNDS {
         if inliers.iter().filter(|&&inlier| inlier).count() < MIN_OBSERVATIONS {
             return None;
@@ -68,7 +66,7 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
             let (h, gradient) = normal_equations(camera, observations, &inliers, &estimate, robust);
             let step = h.cholesky()?.solve(&-gradient);
             estimate = pose::exp(&step) * estimate;
-            hessian = h / mean_weight;
+            hessian = h;
             if step.norm() < STEP_TOLERANCE {
                 break;
             }
@@ -77,6 +75,8 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
             *inlier = is_inlier(camera, observation, &estimate);
         }
     }
+    // With the mean weight at one, the covariance is that of so many observations.
+    hessian /= observations.iter().map(|o| o.weight).sum::<f64>() / observations.len() as f64;
     let eigenvalues = hessian.symmetric_eigenvalues();
     if eigenvalues.min() <= OPEN * eigenvalues.max() {
         return None;

@@ -107,7 +107,7 @@ impl Patch {
 
     /// The same for a window that is neither turned nor scaled: all of it lies equally between the pixels.
     fn upright_window(&self, at: Vector2<f32>) -> Option<[[f32; WINDOW]; WINDOW]> {
-        // From the centre of the patch to the corner of the window, from there to the corner of the patch.
+        // Column and row, in the patch, of the first pixel of a window around its centre.
         const CORNER: f32 = (SIDE / 2) as f32 - (WINDOW as f32 - 1.0) / 2.0;
         const LAST: f32 = (SIDE - WINDOW) as f32;
         let (x, y) = (at.x - self.centre[0] as f32 + CORNER, at.y - self.centre[1] as f32 + CORNER);

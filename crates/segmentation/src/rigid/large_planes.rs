@@ -44,8 +44,8 @@ pub(crate) struct LargePlanes {
     nearby: Vec<u16>,
 }
 
-/// Inverse depth (1/m) as a linear function of the pixel, counted from the principal point.
-type Plane = Vector3<f64>;
+/// Inverse depth (1/m) as a linear function of `(x, y, 1)`; here pixels are counted from the principal point.
+pub(crate) type Plane = Vector3<f64>;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Block {
@@ -60,7 +60,7 @@ struct Block {
 
 /// Normal equations of a plane.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sums {
+pub(crate) struct Sums {
     /// Sum of a aᵀ with a = (x, y, 1); the last element counts the pixels.
     normal: Matrix3<f64>,
     /// Sum of a q.
@@ -70,11 +70,12 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, [x, y, q]: [f64; 3]) {
+    /// Adds a pixel `(x, y)` with inverse depth `q`, which counts `weight` times.
+    pub(crate) fn add(&mut self, [x, y, q]: [f64; 3], weight: f64) {
         let a = Vector3::new(x, y, 1.0);
-        self.normal += a * a.transpose();
-        self.right += a * q;
-        self.squares += q * q;
+        self.normal += a * a.transpose() * weight;
+        self.right += a * (q * weight);
+        self.squares += q * q * weight;
     }
 
     fn merge(&mut self, other: &Self) {
@@ -91,7 +92,8 @@ impl Sums {
         self.right[2] / self.count()
     }
 
-    fn fit(&self) -> Option<Plane> {
+    /// The plane; `None` where the pixels lie on a line.
+    pub(crate) fn fit(&self) -> Option<Plane> {
         Some(self.normal.cholesky()?.solve(&self.right))
     }
 
@@ -144,7 +146,7 @@ impl LargePlanes {
             let mut sums = Sums::default();
             for (i, [x, y]) in pixels(camera, block, size.0) {
                 if depth[i] > 0.0 {
-                    sums.add([f64::from(x), f64::from(y), 1.0 / f64::from(depth[i])]);
+                    sums.add([f64::from(x), f64::from(y), 1.0 / f64::from(depth[i])], 1.0);
                 }
             }
             let measured = sums.count() >= MEASURED * (BLOCK * BLOCK) as f64;

@@ -1,7 +1,8 @@
 //! Where pixels without depth lie in earlier frames: they are given a depth to be warped by.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
+use super::large_planes::{Plane, Sums};
 use super::objects::median;
 use super::view::Pinhole;
 use crate::config::MissingDepth;
@@ -52,29 +53,27 @@ fn fill_by_plane(camera: &Pinhole, depth: &mut [f32]) {
     }
 }
 
-/// Inverse depth of a plane as a linear function of `(column, row, 1)`, by least squares with a redescending loss.
-fn fit_plane(camera: &Pinhole, depth: &[f32]) -> Option<Vector3<f64>> {
+/// The plane that most of the frame lies on, over pixels `(column, row)`, by least squares with a redescending loss.
+fn fit_plane(camera: &Pinhole, depth: &[f32]) -> Option<Plane> {
     let (columns, rows) = (|| (0..camera.width).step_by(SPACING), (0..camera.height).step_by(SPACING));
-    let votes: Vec<(Vector3<f64>, f64)> = rows
-        .flat_map(|v| columns().map(move |u| (u, v)))
-        .map(|(u, v)| (Vector3::new(u as f64, v as f64, 1.0), f64::from(depth[v * camera.width + u])))
-        .filter(|(_, z)| *z > 0.0)
-        .map(|(pixel, z)| (pixel, z.recip()))
-        .collect();
+    let pixels = rows.flat_map(|v| columns().map(move |u| (u, v)));
+    let measured = pixels.filter_map(|(u, v)| {
+        let z = f64::from(depth[v * camera.width + u]);
+        (z > 0.0).then(|| [u as f64, v as f64, z.recip()])
+    });
+    let votes: Vec<[f64; 3]> = measured.collect();
     if votes.len() < MIN_PIXELS {
         return None;
     }
-    let middle = f64::from(median(&mut votes.iter().map(|(_, inverse)| *inverse as f32).collect::<Vec<_>>())?);
-    let mut plane = Vector3::new(0.0, 0.0, middle);
+    let middle = f64::from(median(&mut votes.iter().map(|[_, _, q]| *q as f32).collect::<Vec<_>>())?);
+    let mut plane = Plane::new(0.0, 0.0, middle);
     for _ in 0..STEPS {
-        let (mut hessian, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
-        for (pixel, inverse) in &votes {
-            let residual = (inverse - plane.dot(pixel)) / (SCALE * middle);
-            let weight = (1.0 + residual * residual).powi(-2);
-            hessian.ger(weight, pixel, pixel, 1.0);
-            gradient.axpy(weight * inverse, pixel, 1.0);
+        let mut sums = Sums::default();
+        for &[u, v, q] in &votes {
+            let residual = (q - plane.dot(&Vector3::new(u, v, 1.0))) / (SCALE * middle);
+            sums.add([u, v, q], (1.0 + residual * residual).powi(-2));
         }
-        plane = hessian.cholesky()?.solve(&gradient);
+        plane = sums.fit()?;
     }
     Some(plane)
 }

@@ -50,7 +50,7 @@ struct Scale {
 
 /// Frames that must have found a point until it has full standing: two thirds of a second of a camera at 30 Hz, by which
 /// somebody who walks is a step farther.
-const ESTABLISHED_AFTER: u32 = 20;
+const FULL_STANDING_AFTER: u32 = 20;
 /// Standing of a point that was just made. Where all are new, all count alike.
 const NEWCOMER: f64 = 0.05;
 
@@ -80,7 +80,7 @@ impl MapPoint {
     /// How far it is to be trusted beside other points, 0 to 1: the more, the more frames found it where it should be. What no mask shows
     /// yet that it moves enters the map like anything else; it must not outvote what has stood there all along.
     pub fn standing(&self) -> f64 {
-        let proven = f64::from(self.counts.found.min(ESTABLISHED_AFTER)) / f64::from(ESTABLISHED_AFTER);
+        let proven = f64::from(self.counts.found.min(FULL_STANDING_AFTER)) / f64::from(FULL_STANDING_AFTER);
         NEWCOMER + (1.0 - NEWCOMER) * proven
     }
 
