@@ -416,7 +416,7 @@ fn a_saved_map_is_recognised_and_left_as_it_is() {
     let mut first = Run::new();
     first.play(0..100);
     first.tracker.finish();
-    first.tracker.save_map(&path).unwrap();
+    first.tracker.snapshot().save(&path).unwrap();
     let mut second = Run::new();
     let mut config = TrackingConfig::default();
     config.mapping.enabled = false;

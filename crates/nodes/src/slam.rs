@@ -217,10 +217,12 @@ fn attach_services(node: &mut Node, shared: &Arc<Shared>) -> Result<(), RosError
         done("working on frames")
     })?;
     let s = shared.clone();
-    node.serve::<FilePath>("~/save_trajectory", move |r| answer(&r, |path| save(&s, path)))?;
+    node.serve::<FilePath>("~/save_trajectory", move |r| {
+        answer(&r, |path| save_trajectory(Path::new(path), &ask(&s, Tracker::trajectory)?))
+    })?;
     let s = shared.clone();
     node.serve::<FilePath>("~/save_map", move |r| {
-        answer(&r, |path| with_tracker(&s, |tracker| Ok(tracker.save_map(Path::new(path))?)))
+        answer(&r, |path| Ok(ask(&s, Tracker::snapshot)?.save(Path::new(path))?))
     })?;
     let s = shared.clone();
     node.serve::<FilePath>("~/load_map", move |r| answer(&r, |path| s.load_map(Path::new(path))))
@@ -240,12 +242,9 @@ fn answer(request: &FilePathRequest, action: impl FnOnce(&str) -> anyhow::Result
     }
 }
 
-fn with_tracker(shared: &Shared, action: impl FnOnce(&mut Tracker) -> anyhow::Result<()>) -> anyhow::Result<()> {
-    action(shared.tracker().as_mut().ok_or_else(|| anyhow::anyhow!("no frame has been received yet"))?)
-}
-
-fn save(shared: &Shared, path: &str) -> anyhow::Result<()> {
-    with_tracker(shared, |tracker| save_trajectory(Path::new(path), &tracker.trajectory()))
+/// What the tracker says of itself. Frames wait meanwhile: files are written when it is done.
+fn ask<T>(shared: &Shared, question: impl FnOnce(&Tracker) -> T) -> anyhow::Result<T> {
+    shared.tracker().as_ref().map(question).ok_or_else(|| anyhow::anyhow!("no frame has been received yet"))
 }
 
 #[cfg(test)]

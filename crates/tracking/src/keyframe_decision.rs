@@ -117,7 +117,7 @@ mod tests {
     fn there_are_none_while_agreement_has_just_broken_off() {
         let due = |broke_off, matched| due(1.0, (None, true, broke_off), matched);
         assert_eq!([due(true, 160), due(false, 160)], [false, true]);
-        assert!(due(true, 90), "rather a doubtful keyframe than to be lost");
+        assert_eq!([due(true, 100), due(true, 99)], [false, true], "rather a doubtful keyframe than to be lost");
     }
 
     #[test]

@@ -35,6 +35,6 @@ mod tracker;
 mod trajectory;
 
 pub use config::TrackingConfig;
-pub use map_file::MapFileError;
+pub use map_file::{MapFileError, MapSnapshot};
 pub use result::{MapPointView, TrackedFrame, TrackingError, TrackingState};
 pub use tracker::{Located, Tracker};

@@ -5,7 +5,7 @@ use pfd_geometry::{Camera, DepthImage, Mask, Pose};
 use slotmap::SecondaryMap;
 
 use crate::config::TrackingConfig;
-use crate::map::{Keyframe, KeyframeId, Map, MapPointId, Observation};
+use crate::map::{Counts, Keyframe, KeyframeId, Map, MapPointId, Observation};
 use crate::matching::{Match, match_by_projection, predict};
 use crate::rolling_shutter::Shutter;
 
@@ -161,8 +161,7 @@ pub fn update_point_memory(
 ) {
     for m in found {
         if let Some(point) = map.point_mut(m.point) {
-            point.counts.visible += 1;
-            point.counts.found += 1;
+            point.counts.add(Counts::FOUND);
         }
     }
     let mut found: Vec<_> = found.iter().map(|m| m.point).collect();
@@ -174,11 +173,8 @@ pub fn update_point_memory(
         let Some(point) = map.point_mut(id) else { continue };
         match verdict {
             Sight::Hidden => {}
-            Sight::Visible => point.counts.visible += 1,
-            Sight::FreeSpace => {
-                point.counts.visible += 1;
-                point.counts.contradicted += 1;
-            }
+            Sight::Visible => point.counts.add(Counts::MISSED),
+            Sight::FreeSpace => point.counts.add(Counts::CONTRADICTED),
         }
     }
 }

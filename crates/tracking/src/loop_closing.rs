@@ -86,14 +86,20 @@ pub(crate) fn close(map: &mut Map, camera: &Camera, config: &TrackingConfig, ord
     fuse_ends(map, camera, config, found);
 }
 
-/// Moves a segment (the keyframes of `segment`) as a whole to where the other one sees it, and fuses both ends.
+/// Moves a segment (the keyframes of `segment`, that of either end) as a whole to where the other end sees it, and fuses both ends.
 pub(crate) fn merge(map: &mut Map, camera: &Camera, config: &TrackingConfig, segment: &[KeyframeId], found: &Loop) {
+    move_segment(map, segment, found);
+    fuse_ends(map, camera, config, found);
+}
+
+#[allow(non_snake_case)]
+fn move_segment(map: &mut Map, segment: &[KeyframeId], found: &Loop) {
     let Some(current) = map.keyframe(found.current) else { return };
-    let old_from_new = current.T_camera_world.inverse() * found.T_camera_world;
-    let moved = |id: &KeyframeId| Some((*id, map.keyframe(*id)?.T_camera_world * old_from_new));
+    let T_current_earlier = current.T_camera_world.inverse() * found.T_camera_world;
+    let T_before_after = if segment.contains(&found.current) { T_current_earlier } else { T_current_earlier.inverse() };
+    let moved = |id: &KeyframeId| Some((*id, map.keyframe(*id)?.T_camera_world * T_before_after));
     let corrected: BTreeMap<_, _> = segment.iter().filter_map(moved).collect();
     move_map(map, &corrected);
-    fuse_ends(map, camera, config, found);
 }
 
 /// Joins what both ends of a closed loop see.
@@ -163,5 +169,49 @@ fn move_map(map: &mut Map, corrected: &BTreeMap<KeyframeId, Pose>) {
             point.position = position;
         }
         map.update_point(id);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image_features::ImageFeatures;
+    use crate::map::{Keyframe, Observation};
+    use crate::residual::Measurement;
+    use nalgebra::{Point2, Point3, Vector6};
+    use pfd_geometry::Stamp;
+
+    #[test]
+    #[allow(non_snake_case)]
+    fn either_segment_moves_to_where_the_other_end_sees_it() {
+        let measured = Measurement { pixel: Point2::new(30.0, 30.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
+        let features = ImageFeatures::from_measurements((64, 64), vec![measured]);
+        let pose = |x: f64| pose::exp(&Vector6::new(x, 0.1, -0.2, 0.1, 0.2, 0.3 * x));
+        for moves_current in [true, false] {
+            let mut map = Map::default();
+            let mut add = |x| map.add_keyframe(Keyframe::new(Stamp::default(), 0, pose(x), features.clone()));
+            let [earlier, beside_earlier, current, beside_current] = [0.0, 0.4, 5.0, 5.3].map(&mut add);
+            let seen_by_earlier = Point3::new(0.1, 0.2, 1.0);
+            let point = map.add_point(seen_by_earlier, Observation { keyframe: earlier, feature: 0 }).unwrap();
+            let found = Loop { current, earlier, T_camera_world: pose(0.1) };
+            let at = |map: &Map, id| map.keyframe(id).unwrap().T_camera_world;
+            let before = map.clone();
+            let relative = |map: &Map, a, b| at(map, a) * at(map, b).inverse();
+            let (segment, still) = if moves_current {
+                ([current, beside_current], [earlier, beside_earlier])
+            } else {
+                ([earlier, beside_earlier], [current, beside_current])
+            };
+            move_segment(&mut map, &segment, &found);
+            assert!(still.iter().all(|&id| at(&map, id) == at(&before, id)), "the other one stays");
+            let off = |a: Pose, b: Pose| pose::log(&(a * b.inverse())).norm();
+            let closed = found.T_camera_world * at(&before, earlier).inverse();
+            assert!(off(relative(&map, current, earlier), closed) < 1e-9, "as the place that was recognised has it");
+            for (a, b) in [(current, beside_current), (earlier, beside_earlier)] {
+                assert!(off(relative(&map, a, b), relative(&before, a, b)) < 1e-9, "each is rigid");
+            }
+            let seen = at(&map, earlier) * map.point(point).unwrap().position;
+            assert!((seen - at(&before, earlier) * seen_by_earlier).norm() < 1e-9, "points move along");
+        }
     }
 }

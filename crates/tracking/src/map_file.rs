@@ -11,15 +11,17 @@ use pfd_geometry::{Camera, Pose, Stamp, pose};
 use pfd_vision::features::{Descriptor, Feature};
 use pfd_vision::patch::Patch;
 use serde::{Deserialize, Serialize};
+use slotmap::SecondaryMap;
 
+use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
-use crate::map::{Counts, Keyframe, KeyframeId, Map, Observation};
+use crate::map::{Counts, Keyframe, KeyframeId, Map, Observation, UNIT_TOLERANCE};
 use crate::residual::Measurement;
 use crate::rolling_shutter::Shutter;
 
 const MAGIC: &[u8; 8] = b"PFDSLAM\0";
 /// Raised whenever [`MapRecord`], the descriptor or its pattern change.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const HEADER: usize = MAGIC.len() + 2 * size_of::<u32>();
 /// A larger file (bytes) is refused before it is read.
 const MAX_FILE_SIZE: u64 = 4 << 30;
@@ -57,16 +59,46 @@ pub enum MapFileError {
     /// The map was made with another camera.
     #[error("{}: the map was recorded with another camera: its intrinsics differ from the present ones", .0.display())]
     OtherCamera(PathBuf),
+    /// The map was made with another image pyramid.
+    #[error(
+        "{}: the map was made with tracking.features.scale={found}, and the parameter is {wanted}: set it to {found}, or record the map again",
+        path.display()
+    )]
+    OtherPyramid {
+        /// Which file.
+        path: PathBuf,
+        /// With which it was made.
+        found: f64,
+        /// With which this program works.
+        wanted: f64,
+    },
+}
+
+/// A part of a map, copied, so that it can be written while the map grows.
+#[derive(Clone, Debug)]
+pub struct MapSnapshot {
+    pub(crate) map: Map,
+    /// Its keyframes in the order of their creation.
+    pub(crate) order: Vec<KeyframeId>,
+    pub(crate) maker: Maker,
+}
+
+/// What a map has in common with the program that made it, and with each that can use it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Maker {
+    camera: CameraRecord,
+    /// Ratio of the sizes of two pyramid levels: corners and their surroundings are stored by level.
+    scale: f64,
 }
 
 #[derive(Serialize, Deserialize)]
 struct MapRecord {
-    camera: CameraRecord,
+    maker: Maker,
     keyframes: Vec<KeyframeRecord>,
     points: Vec<PointRecord>,
 }
 
-#[derive(Serialize, Deserialize, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct CameraRecord {
     size: (u32, u32),
     intrinsics: [f64; 4],
@@ -116,34 +148,36 @@ struct PointRecord {
     observations: Vec<(u32, u32)>,
 }
 
-/// Writes `map` to `path`, first to a file beside it, so that an interrupted write leaves the old map.
-///
-/// # Errors
-/// [`MapFileError::Io`].
-pub fn save(path: &Path, map: &Map, order: &[KeyframeId], camera: &Camera) -> Result<(), MapFileError> {
-    let io = |error| MapFileError::Io { path: path.to_owned(), error };
-    let payload = postcard::to_stdvec(&record(map, order, camera)).map_err(|e| io(std::io::Error::other(e)))?;
-    let mut bytes = Vec::with_capacity(HEADER + payload.len());
-    bytes.extend_from_slice(MAGIC);
-    bytes.extend_from_slice(&VERSION.to_le_bytes());
-    bytes.extend_from_slice(&crc32fast::hash(&payload).to_le_bytes());
-    bytes.extend_from_slice(&payload);
-    let partial = path.with_extension("partial");
-    // On the disk before it takes the place of the old one: else a power cut may leave neither.
-    let write = || {
-        let mut file = std::fs::File::create(&partial)?;
-        file.write_all(&bytes)?;
-        file.sync_all()?;
-        std::fs::rename(&partial, path)
-    };
-    write().map_err(io)
+impl MapSnapshot {
+    /// Writes the map to `path`, first to a file beside it, so that an interrupted write leaves the old map.
+    ///
+    /// # Errors
+    /// [`MapFileError::Io`].
+    pub fn save(&self, path: &Path) -> Result<(), MapFileError> {
+        let io = |error| MapFileError::Io { path: path.to_owned(), error };
+        let payload = postcard::to_stdvec(&record(self)).map_err(|e| io(std::io::Error::other(e)))?;
+        let mut bytes = Vec::with_capacity(HEADER + payload.len());
+        bytes.extend_from_slice(MAGIC);
+        bytes.extend_from_slice(&VERSION.to_le_bytes());
+        bytes.extend_from_slice(&crc32fast::hash(&payload).to_le_bytes());
+        bytes.extend_from_slice(&payload);
+        let partial = path.with_extension("partial");
+        // On the disk before it takes the place of the old one: else a power cut may leave neither.
+        let write = || {
+            let mut file = std::fs::File::create(&partial)?;
+            file.write_all(&bytes)?;
+            file.sync_all()?;
+            std::fs::rename(&partial, path)
+        };
+        write().map_err(io)
+    }
 }
 
 /// Reads a map that was recorded with `camera`; keyframes in the order of their creation.
 ///
 /// # Errors
-/// [`MapFileError`] when the file is no map, of another version, damaged, or of another camera.
-pub fn load(path: &Path, camera: &Camera) -> Result<(Map, Vec<KeyframeId>), MapFileError> {
+/// [`MapFileError`] when the file is no map, of another version, damaged, of another camera, or made with other features.
+pub fn load(path: &Path, camera: &Camera, config: &TrackingConfig) -> Result<(Map, Vec<KeyframeId>), MapFileError> {
     let io = |error| MapFileError::Io { path: path.to_owned(), error };
     let damaged = |what| MapFileError::Damaged { path: path.to_owned(), what };
     if std::fs::metadata(path).map_err(io)?.len() > MAX_FILE_SIZE {
@@ -152,8 +186,12 @@ pub fn load(path: &Path, camera: &Camera) -> Result<(Map, Vec<KeyframeId>), MapF
     let bytes = std::fs::read(path).map_err(io)?;
     let payload = payload(path, &bytes)?;
     let record: MapRecord = postcard::from_bytes(payload).map_err(|_| damaged("not decodable"))?;
-    if record.camera != camera_record(camera) {
+    let (made, wanted) = (&record.maker, Maker::new(camera, config));
+    if made.camera != wanted.camera {
         return Err(MapFileError::OtherCamera(path.to_owned()));
+    }
+    if made.scale != wanted.scale {
+        return Err(MapFileError::OtherPyramid { path: path.to_owned(), found: made.scale, wanted: wanted.scale });
     }
     restore(&record, camera).ok_or_else(|| damaged("inconsistent"))
 }
@@ -170,17 +208,20 @@ fn payload<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], MapFileError> {
     if crc32fast::hash(payload) == u32::from_le_bytes(*checksum) { Ok(payload) } else { Err(damaged("checksum")) }
 }
 
-fn camera_record(camera: &Camera) -> CameraRecord {
-    CameraRecord {
-        size: (camera.width as u32, camera.height as u32),
-        intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
-        distortion: camera.distortion.0,
+impl Maker {
+    pub(crate) fn new(camera: &Camera, config: &TrackingConfig) -> Self {
+        let camera = CameraRecord {
+            size: (camera.width as u32, camera.height as u32),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            distortion: camera.distortion.0,
+        };
+        Self { camera, scale: config.features.scale }
     }
 }
 
-fn record(map: &Map, order: &[KeyframeId], camera: &Camera) -> MapRecord {
-    let index_of = |id: KeyframeId| order.iter().position(|other| *other == id).map(|i| i as u32);
-    let observe = |seen: &Observation| Some((index_of(seen.keyframe)?, seen.feature as u32));
+fn record(MapSnapshot { map, order, maker }: &MapSnapshot) -> MapRecord {
+    let index_of: SecondaryMap<KeyframeId, u32> = order.iter().copied().zip(0..).collect();
+    let observe = |seen: &Observation| Some((*index_of.get(seen.keyframe)?, seen.feature as u32));
     let points = map.points().map(|(_, point)| PointRecord {
         position: point.position.coords.into(),
         visible: point.counts.visible,
@@ -189,7 +230,7 @@ fn record(map: &Map, order: &[KeyframeId], camera: &Camera) -> MapRecord {
         observations: point.observations().iter().filter_map(observe).collect(),
     });
     MapRecord {
-        camera: camera_record(camera),
+        maker: maker.clone(),
         keyframes: order.iter().filter_map(|id| map.keyframe(*id)).map(keyframe_record).collect(),
         points: points.collect(),
     }
@@ -247,13 +288,12 @@ fn restore(record: &MapRecord, camera: &Camera) -> Option<(Map, Vec<KeyframeId>)
 fn restore_keyframe(record: &KeyframeRecord, camera: &Camera) -> Option<Keyframe> {
     let [x, y, z, w] = record.rotation;
     let quaternion = Quaternion::new(w, x, y, z);
-    // Not renormalised, so that a map that is loaded and saved again stays the same to the byte.
-    const UNIT_TOLERANCE: f64 = 1e-6;
     let rotation =
         ((quaternion.norm() - 1.0).abs() < UNIT_TOLERANCE).then(|| UnitQuaternion::new_unchecked(quaternion))?;
     let restored: Pose = Isometry3::from_parts(Translation3::from(record.translation), rotation);
     let velocity = Vector6::from(record.velocity);
     let moves = velocity.iter().all(|x| x.is_finite()) && record.readout.is_finite();
+    let frame_index = u32::try_from(record.frame_index).ok()? as usize;
     if !pose::is_finite(&restored) || !moves || !record.features.iter().all(is_plausible) {
         return None;
     }
@@ -280,7 +320,10 @@ fn restore_keyframe(record: &KeyframeRecord, camera: &Camera) -> Option<Keyframe
     )
     .with_patches(patches.collect::<Option<_>>()?);
     features.set_shutter(camera, Shutter { velocity, readout: record.readout });
-    Some(Keyframe::new(Stamp::from_nanos(record.stamp), record.frame_index as usize, restored, features))
+    // Not renormalised, so that a map that is loaded and saved again stays the same to the byte.
+    let mut keyframe = Keyframe::new(Stamp::from_nanos(record.stamp), frame_index, restored, features);
+    keyframe.T_camera_world = restored;
+    Some(keyframe)
 }
 
 fn is_plausible(f: &FeatureRecord) -> bool {
@@ -299,7 +342,7 @@ mod tests {
         Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap()
     }
 
-    fn map() -> (Map, Vec<KeyframeId>) {
+    fn snapshot() -> MapSnapshot {
         let feature = |i: u16| Feature {
             u: f32::from(i),
             v: 3.0,
@@ -327,17 +370,15 @@ mod tests {
             features
         };
         let mut map = Map::default();
-        let pose = pose::exp(&nalgebra::Vector6::new(0.1, 0.2, 0.3, 0.1, -0.2, 0.05));
-        let ids = vec![
-            map.add_keyframe(Keyframe::new(Stamp::from_nanos(5), 0, Pose::identity(), features())),
-            map.add_keyframe(Keyframe::new(Stamp::from_nanos(9), 7, pose, features())),
-        ];
+        let pose = |i: f64| pose::exp(&nalgebra::Vector6::new(0.1 * i, 0.2 * i, 0.3, 0.1 * i, -0.2, 0.05 * i));
+        let keyframe = |i: u8| Keyframe::new(Stamp::from_nanos(i.into()), i.into(), pose(i.into()), features());
+        let ids: Vec<_> = (0..9).map(|i| map.add_keyframe(keyframe(i))).collect();
         for feature in 0..15 {
             let position = Point3::new(0.1, 0.2, 1.0 + feature as f64);
             let id = map.add_point(position, Observation { keyframe: ids[0], feature }).unwrap();
             map.add_observation(id, Observation { keyframe: ids[1], feature: feature + 1 });
         }
-        (map, ids)
+        MapSnapshot { map, order: ids, maker: Maker::new(&test_camera(), &TrackingConfig::default()) }
     }
 
     #[test]
@@ -345,20 +386,25 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (path, again) = (folder.path().join("a.map"), folder.path().join("b.map"));
         let camera = test_camera();
-        let (map, order) = map();
-        save(&path, &map, &order, &camera).unwrap();
-        let (restored, restored_order) = load(&path, &camera).unwrap();
-        assert_eq!((restored.keyframe_count(), restored.point_count()), (2, 15));
+        let (config, whole) = (TrackingConfig::default(), snapshot());
+        whole.save(&path).unwrap();
+        let (map, order) = (&whole.map, &whole.order);
+        let (restored, restored_order) = load(&path, &camera, &config).unwrap();
+        assert_eq!((restored.keyframe_count(), restored.point_count()), (9, 15));
         assert_eq!(restored.check(), Ok(()));
         let view = |map: &Map, order: &[KeyframeId]| map.keyframe(order[1]).unwrap().features.clone();
-        let (before, after) = (view(&map, &order), view(&restored, &restored_order));
+        let (before, after) = (view(map, order), view(&restored, &restored_order));
         assert_eq!((after.shutter(), after.patch(3)), (before.shutter(), before.patch(3)));
         assert!((after.measurement(3).pixel - before.measurement(3).pixel).norm() < 1e-3);
         assert_eq!(after.patch(19), None, "that feature shows no point");
-        save(&again, &restored, &restored_order, &camera).unwrap();
+        let maker = Maker::new(&camera, &config);
+        MapSnapshot { map: restored, order: restored_order, maker }.save(&again).unwrap();
         assert!(std::fs::read(&path).unwrap() == std::fs::read(&again).unwrap());
         let other = Camera { fx: 500.0, ..camera };
-        assert!(matches!(load(&path, &other), Err(MapFileError::OtherCamera(_))));
+        assert!(matches!(load(&path, &other, &config), Err(MapFileError::OtherCamera(_))));
+        let mut finer = config;
+        finer.features.scale = 1.1;
+        assert!(load(&path, &camera, &finer).unwrap_err().to_string().contains("features.scale=1.2"));
     }
 
     #[test]
@@ -367,9 +413,10 @@ mod tests {
         let path = folder.path().join("old.map");
         let camera = test_camera();
         std::fs::write(&path, [MAGIC.as_slice(), &[0; 8]].concat()).unwrap();
-        assert!(matches!(load(&path, &camera), Err(MapFileError::Version { found: 0, .. })));
+        let load = || load(&path, &camera, &TrackingConfig::default());
+        assert!(matches!(load(), Err(MapFileError::Version { found: 0, .. })));
         std::fs::write(&path, b"# TUM trajectory").unwrap();
-        assert!(load(&path, &camera).unwrap_err().to_string().contains("old.map: not a map"));
+        assert!(load().unwrap_err().to_string().contains("old.map: not a map"));
     }
 
     proptest! {
@@ -378,14 +425,13 @@ mod tests {
             let folder = tempfile::tempdir().unwrap();
             let path = folder.path().join("a.map");
             let camera = test_camera();
-            let (map, order) = map();
-            save(&path, &map, &order, &camera).unwrap();
+            snapshot().save(&path).unwrap();
             let whole = std::fs::read(&path).unwrap();
             let mut changed = whole.clone();
             changed[at.index(whole.len())] ^= flip;
             for damaged in [&changed[..], &whole[..keep.index(whole.len())]] {
                 std::fs::write(&path, damaged).unwrap();
-                prop_assert!(load(&path, &camera).is_err());
+                prop_assert!(load(&path, &camera, &TrackingConfig::default()).is_err());
             }
         }
 
@@ -395,8 +441,7 @@ mod tests {
             changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
         ) {
             let camera = test_camera();
-            let (map, order) = map();
-            let mut payload = postcard::to_stdvec(&record(&map, &order, &camera)).unwrap();
+            let mut payload = postcard::to_stdvec(&record(&snapshot())).unwrap();
             for (at, value) in changes {
                 let at = at.index(payload.len());
                 payload[at] = value;

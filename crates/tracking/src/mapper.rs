@@ -13,7 +13,7 @@ use crate::local_mapping;
 use crate::localization::Localizer;
 use crate::loop_closing;
 use crate::map::{Keyframe, KeyframeId, Map, MapPointId};
-use crate::map_file::{self, MapFileError};
+use crate::map_file::{self, Maker, MapFileError, MapSnapshot};
 use crate::matching::Match;
 use crate::places::PlaceIndex;
 use crate::rolling_shutter::Shutter;
@@ -160,12 +160,14 @@ impl Mapper {
         let search = loop_closing::Search { places: &self.places, order: &self.order, segments: &self.segments };
         let localizer = Localizer { camera: &self.camera, config: &self.config, map: &self.map };
         let Some(found) = loop_closing::detect(&localizer, &search, newest, rng) else { return false };
-        let segment = self.segments.with(&self.order, newest);
         if self.segments.are_joined(found.current, found.earlier) {
+            let segment = self.segments.with(&self.order, newest);
             loop_closing::close(&mut self.map, &self.camera, &self.config, &segment, &found);
         } else {
+            let (part, whole) = self.segments.part_and_whole(self.order.first(), (found.current, found.earlier));
+            let segment = self.segments.with(&self.order, part);
             loop_closing::merge(&mut self.map, &self.camera, &self.config, &segment, &found);
-            self.segments.join(found.current, found.earlier);
+            self.segments.join(part, whole);
         }
         true
     }
@@ -216,26 +218,20 @@ impl Mapper {
         *self = Self { waits: self.waits, ..Self::new(self.camera, self.config.clone(), self.seed) };
     }
 
-    /// Writes the largest segment to a file.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub(crate) fn save(&self, path: &Path) -> Result<(), MapFileError> {
+    /// A copy of the largest segment.
+    pub(crate) fn snapshot(&self) -> MapSnapshot {
         let order = self.segments.largest(&self.order);
-        if order.len() == self.order.len() {
-            return map_file::save(path, &self.map, &order, &self.camera);
-        }
         let mut map = self.map.clone();
         self.order.iter().filter(|id| !order.contains(id)).for_each(|id| map.remove_keyframe(*id));
-        map_file::save(path, &map, &order, &self.camera)
+        MapSnapshot { map, order, maker: Maker::new(&self.camera, &self.config) }
     }
 
     /// Fills an empty mapper with the map of a file.
     ///
     /// # Errors
-    /// When the file is no map of this camera.
+    /// When the file is no map of this camera, or made with other features.
     pub(crate) fn load(&mut self, path: &Path) -> Result<(), MapFileError> {
-        let (map, order) = map_file::load(path, &self.camera)?;
+        let (map, order) = map_file::load(path, &self.camera, &self.config)?;
         for (id, keyframe) in order.iter().filter_map(|id| Some((*id, map.keyframe(*id)?))) {
             self.places.insert(id, keyframe.features.descriptors());
         }

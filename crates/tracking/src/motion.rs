@@ -139,10 +139,11 @@ impl Motion {
         self.T_camera_world = pose::renormalized(T_camera_world);
     }
 
-    /// The last two poses were estimated anew; odometry goes on from where it is.
+    /// The last two poses were estimated anew, in a map that begins with the last; odometry goes on from where it is.
     pub(crate) fn revise(&mut self, T_before_world: &Pose, T_camera_world: Pose) {
         let moved = T_camera_world * T_before_world.inverse();
         self.velocity = if self.interval > 0.0 { pose::log(&moved) / self.interval } else { Vector6::zeros() };
+        self.filter = MotionFilter::start(&Matrix6::zeros()).moving(self.velocity);
         self.T_camera_world = pose::renormalized(T_camera_world);
     }
 
@@ -199,6 +200,28 @@ mod tests {
         assert!((motion.velocity() - before).norm() < 0.01);
         (1..9).for_each(|k| motion.update(at(266.0 + 10.0 * f64::from(k)), pose(9.0 + f64::from(k))));
         assert!((motion.velocity().x - 1.0).abs() < 1e-6, "a camera of 100 Hz: {}", motion.velocity());
+    }
+
+    #[test]
+    fn revised_poses_make_the_velocity() {
+        let at = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
+        let along_x = |x: f64| pose::exp(&Vector6::new(x, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let found = |T_camera_world| UncertainPose { T_camera_world, covariance: Matrix6::identity() * 1e-12 };
+        let mut motion = Motion::start(at(0), Pose::identity(), Pose::identity());
+        for frame in 1..6 {
+            // With somebody who walks.
+            let smoothed = motion.smooth(at(33 * frame), &found(along_x(0.03 * frame as f64)));
+            motion.update(at(33 * frame), smoothed.T_camera_world);
+        }
+        let odometry = *motion.T_odom_camera();
+        motion.revise(&along_x(0.02), along_x(0.01));
+        assert!(
+            pose::log(&(motion.predict(at(198)) * along_x(0.0).inverse())).norm() < 1e-3,
+            "{}",
+            motion.predict(at(198))
+        );
+        assert!((motion.twist().0.x - 0.01 / 0.033).abs() < 0.01, "{}", motion.twist().0);
+        assert_eq!(*motion.T_odom_camera(), odometry);
     }
 
     #[test]

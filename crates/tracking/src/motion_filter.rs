@@ -58,6 +58,11 @@ impl MotionFilter {
         Self { velocity: Vector6::zeros(), covariance: both }
     }
 
+    /// The same with a first guess of the velocity.
+    pub(crate) fn moving(self, velocity: Vector6<f64>) -> Self {
+        Self { velocity, ..self }
+    }
+
     /// Where the camera is `dt` seconds after it was at `last`.
     pub(crate) fn predict(&self, last: &Pose, dt: f64) -> Pose {
         pose::exp(&(self.velocity * dt)) * last

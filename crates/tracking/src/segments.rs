@@ -51,6 +51,16 @@ impl Segments {
         order.iter().copied().filter(|&id| self.are_joined(id, keyframe)).collect()
     }
 
+    /// Which of two keyframes belongs to the segment that moves when both are joined, and which to the one that stays: that which holds
+    /// the `origin`, where the world is, or else that of the second.
+    pub(crate) fn part_and_whole(
+        &self,
+        origin: Option<&KeyframeId>,
+        (a, b): (KeyframeId, KeyframeId),
+    ) -> (KeyframeId, KeyframeId) {
+        if origin.is_some_and(|&origin| self.are_joined(origin, a)) { (b, a) } else { (a, b) }
+    }
+
     /// The segment of `part` becomes a part of the segment of `whole`.
     pub(crate) fn join(&mut self, part: KeyframeId, whole: KeyframeId) {
         let (part, whole) = (self.of(part), self.of(whole));
@@ -85,6 +95,8 @@ mod tests {
         assert!(segments.are_joined(order[0], order[2]) && !segments.are_joined(order[0], order[3]));
         assert_eq!(segments.with(&order, order[4]), order[3..]);
         assert_eq!(segments.largest(&order), order[..3]);
+        let moves = |a, b| segments.part_and_whole(order.first(), (order[a], order[b]));
+        assert_eq!([moves(4, 1), moves(1, 4)], [(order[4], order[1]); 2], "the segment of the origin stays");
         segments.join(order[4], order[0]);
         assert_eq!(segments.largest(&order), order);
         segments.begin();

@@ -16,7 +16,7 @@ use crate::keyframe_decision;
 use crate::local_mapping;
 use crate::localization::{Localized, Localizer};
 use crate::map::{Keyframe, KeyframeId, Map};
-use crate::map_file::MapFileError;
+use crate::map_file::{MapFileError, MapSnapshot};
 use crate::mapper::Mapper;
 use crate::mask_check;
 use crate::motion::Motion;
@@ -134,10 +134,10 @@ impl Tracker {
             return Err(TrackingError::OutOfOrder { stamp: frame.stamp(), last });
         }
         let mut timing = StageTimes::default();
+        let features = timing.measure("features", || self.extract(frame, mask))?;
         if self.config.mapping.enabled {
             self.mapper.refresh_shutters(self.refinement.readout());
         }
-        let features = timing.measure("features", || self.extract(frame, mask))?;
         timing.measure("take over map", || {
             let reference = self.active.as_ref().map(|active| active.reference);
             let moved = self.mapper.take_over_due(self.frame_index, reference);
@@ -560,25 +560,29 @@ impl Tracker {
         let newest = self.mapper.newest().and_then(|id| Some((id, self.mapper.map().keyframe(id)?)));
         if let Some((reference, keyframe)) = newest {
             let motion = Motion::start(keyframe.stamp, keyframe.T_camera_world, self.T_odom_start);
-            self.refinement = Refinement::new(keyframe.features.shutter().readout);
+            self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
             self.active = Some(Active::new(motion, reference, Vec::new()));
             self.state = TrackingState::Lost;
-            self.frame_index = self.frame_index.max(keyframe.frame_index + 1);
         }
     }
 
-    /// Writes the map to a file: its largest segment.
-    ///
-    /// # Errors
-    /// When the file cannot be written.
-    pub fn save_map(&self, path: &Path) -> Result<(), MapFileError> {
-        self.mapper.save(path)
+    /// The readout time with which the newest keyframe of the map was recorded, unless the configuration says what it is.
+    fn adopt_readout(&mut self) {
+        let newest = self.mapper.newest().and_then(|id| self.mapper.map().keyframe(id));
+        if let Some(keyframe) = newest.filter(|_| self.config.rolling_shutter.estimate) {
+            self.refinement = Refinement::new(keyframe.features.shutter().readout);
+        }
+    }
+
+    /// A copy of the map's largest segment. Copying takes a small part of the time that writing takes, during which frames come in.
+    pub fn snapshot(&self) -> MapSnapshot {
+        self.mapper.snapshot()
     }
 
     /// Replaces the map by that of a file. The camera counts as lost until it is recognised there.
     ///
     /// # Errors
-    /// When the file is no map of this camera; the present map stays.
+    /// When the file is no map of this camera, or made with other features; the present map stays.
     pub fn load_map(&mut self, path: &Path) -> Result<(), MapFileError> {
         let mut mapper = Mapper::new(self.camera, self.config.clone(), self.seed);
         mapper.load(path)?;
@@ -586,6 +590,7 @@ impl Tracker {
         self.reset();
         self.mapper = mapper;
         self.active = None;
+        self.adopt_readout();
         self.expect_to_be_found();
         Ok(())
     }

@@ -19,10 +19,17 @@ pub struct Counts {
 }
 
 impl Counts {
-    pub(super) fn add(&mut self, other: Self) {
-        self.visible += other.visible;
-        self.found += other.found;
-        self.contradicted += other.contradicted;
+    /// Of one frame that saw it.
+    pub(crate) const FOUND: Self = Self { visible: 1, found: 1, contradicted: 0 };
+    /// Of one frame that should have seen it.
+    pub(crate) const MISSED: Self = Self { visible: 1, found: 0, contradicted: 0 };
+    /// Of one frame that sees through its place.
+    pub(crate) const CONTRADICTED: Self = Self { visible: 1, found: 0, contradicted: 1 };
+
+    pub(crate) fn add(&mut self, other: Self) {
+        self.visible = self.visible.saturating_add(other.visible);
+        self.found = self.found.saturating_add(other.found);
+        self.contradicted = self.contradicted.saturating_add(other.contradicted);
     }
 }
 
@@ -51,15 +58,15 @@ struct Scale {
 /// Frames that must have found a point until it has full standing: two thirds of a second of a camera at 30 Hz, by which
 /// somebody who walks is a step farther.
 const FULL_STANDING_AFTER: u32 = 20;
-/// Standing of a point that was just made. Where all are new, all count alike.
-const NEWCOMER: f64 = 0.05;
+/// Standing of a point that only the frame has found which made it. Where all are new, all count alike.
+const NEWCOMER: f64 = 0.1;
 
 impl MapPoint {
     pub(super) fn new(position: Point3<f64>, color: [u8; 3]) -> Self {
         Self {
             position,
             color,
-            counts: Counts { visible: 1, found: 1, contradicted: 0 },
+            counts: Counts::FOUND,
             observations: Vec::new(),
             descriptor: Descriptor::default(),
             viewing_direction: Vector3::zeros(),
@@ -80,8 +87,8 @@ impl MapPoint {
     /// How far it is to be trusted beside other points, 0 to 1: the more, the more frames found it where it should be. What no mask shows
     /// yet that it moves enters the map like anything else; it must not outvote what has stood there all along.
     pub fn standing(&self) -> f64 {
-        let proven = f64::from(self.counts.found.min(FULL_STANDING_AFTER)) / f64::from(FULL_STANDING_AFTER);
-        NEWCOMER + (1.0 - NEWCOMER) * proven
+        let again = self.counts.found.clamp(1, FULL_STANDING_AFTER) - 1;
+        NEWCOMER + (1.0 - NEWCOMER) * f64::from(again) / f64::from(FULL_STANDING_AFTER - 1)
     }
 
     /// The descriptor that differs least from the others.

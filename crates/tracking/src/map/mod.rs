@@ -34,7 +34,7 @@ pub struct Observation {
 const ESTABLISHED: usize = 3;
 
 /// Rotations differ from length one by no more than rounding errors.
-const UNIT_TOLERANCE: f64 = 1e-12;
+pub(crate) const UNIT_TOLERANCE: f64 = 1e-12;
 
 /// Keyframes, map points, and who saw what.
 #[derive(Clone, Debug, Default)]
