@@ -176,6 +176,8 @@ pub struct PfdConfig {
     pub older_reference: bool,
     /// Keep a model of the static scene and compare with it.
     pub static_model: bool,
+    /// Correct the camera motion by the model of the static scene, so that what it remembers stays in its place.
+    pub anchored_motion: bool,
     /// Extent of a moving region.
     pub region: RegionShape,
     /// Extend what moves over the rest of the thing that it is a part of: a gesturing person is more than arms.
@@ -224,6 +226,7 @@ impl Default for PfdConfig {
             missing_depth: MissingDepth::Background,
             older_reference: true,
             static_model: true,
+            anchored_motion: true,
             region: RegionShape::DepthEdges,
             whole_things: true,
             rigid_planes: true,

@@ -14,7 +14,7 @@ const HALF: f32 = 0.2;
 const BIAS: f32 = -2.0;
 /// Log-odds that each cue brings at most, in the order of [`Cue`]. Other luma where depth is missing says next to nothing: reflections and
 /// the sensor's shadows have it as often as movers.
-const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9];
+const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9, -6.0];
 
 /// Log-odds from which a region is believed that particles or the static model support, …
 const SUPPORTED: f32 = -0.3;

@@ -4,7 +4,7 @@
 //! of that prediction. Evidence is a pair (evidence, weight); the ratio after diffusion is the share of the information nearby
 //! that speaks for motion.
 
-use pfd_geometry::DepthNoise;
+use pfd_geometry::{DepthNoise, GrayImage};
 
 use super::reference::{Appearance, RANGE_RADIUS, Warp};
 use super::regions::BACKGROUND;
@@ -32,8 +32,10 @@ const EDGE: f32 = 0.05;
 const RELATIVE_ERROR: f32 = 0.015;
 /// The surface lies behind what was there: the background that something uncovered.
 const UNCOVERED: f32 = 0.15;
-/// Luma where depth is missing, compared with the static model.
-const LUMA: f32 = 0.4;
+/// Other luma than the static model, where depth is missing.
+const OTHER_LUMA: f32 = 0.4;
+/// The same luma there: many a mover is as bright as what it hides.
+const SAME_LUMA: f32 = 0.2;
 
 /// Spacing of the pixels that are compared with earlier frames.
 pub(crate) const STRIDE: usize = 2;
@@ -71,17 +73,19 @@ pub(crate) enum Cue {
     OtherTexture,
     /// The same, strong texture.
     SameTexture,
-    /// The same depth as in an earlier frame or in the static model, or the same luma where there is no depth.
+    /// The same depth as in an earlier frame or in the static model.
     SamePlace,
+    /// Has no depth and the same luma as the static model.
+    SameLuma,
 }
 
 impl Cue {
     /// How many there are.
-    pub(crate) const COUNT: usize = Self::SamePlace as usize + 1;
+    pub(crate) const COUNT: usize = Self::SameLuma as usize + 1;
 
     /// Share of its weight that speaks for motion.
     fn evidence(self) -> f32 {
-        if matches!(self, Self::SameTexture | Self::SamePlace) { 0.0 } else { 1.0 }
+        if matches!(self, Self::SameTexture | Self::SamePlace | Self::SameLuma) { 0.0 } else { 1.0 }
     }
 }
 
@@ -183,6 +187,8 @@ pub(crate) struct Earlier<'a> {
     pub(crate) pixel_sigma: f32,
     /// See [`depth_shift`].
     pub(crate) shift: f32,
+    /// By how much the image has become brighter since, grey levels (see [`Scene::exposure_since`]).
+    pub(crate) exposure: f32,
     /// How much agreement says, 0 to 1: after a short time everything still looks the same.
     pub(crate) trust: f32,
 }
@@ -289,7 +295,14 @@ impl Scene<'_> {
         let gradient = self.gradient[i];
         let slip = gradient * earlier.pixel_sigma;
         let sigma = (TEXTURE_NOISE * TEXTURE_NOISE + slip * slip).sqrt();
-        let evidence = ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
+        let significant = |difference: f32| ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
+        let mut evidence = significant(difference);
+        if evidence > 0.0 {
+            // Beside a silhouette that has moved the mean that is taken off changes, and nothing else does.
+            let gray = |image: &GrayImage, at: usize| f32::from(image.pixels()[at]);
+            let luma = gray(&self.frame.gray, i) - gray(&earlier.appearance.gray, j) - earlier.exposure;
+            evidence = evidence.min(significant(luma.abs()));
+        }
         let texture = (gradient / STRONG_GRADIENT).min(1.0);
         let same = (1.0 - evidence) * TEXTURE_SAME * texture * texture;
         field.observe(i, Cue::SameTexture, same * SAMPLED * earlier.trust);
@@ -304,7 +317,7 @@ impl Scene<'_> {
     pub(crate) fn compare_model(&self, model: &[ModelPoint], [near, far]: [&[f32]; 2], shift: f32, field: &mut Field) {
         let offset = self.luma_offset(model);
         for (i, &z) in self.frame.depth.pixels().iter().enumerate() {
-            if near[i] <= 0.0 {
+            if near[i] <= 0.0 || model[i].hits < MIN_HITS {
                 continue;
             }
             if !self.is_usable(z) {
@@ -335,10 +348,25 @@ impl Scene<'_> {
         let slip = self.gradient[i];
         field.changed[i] = Some(difference > LUMA_TOLERANCE + slip);
         if difference > LUMA_TOLERANCE + slip {
-            field.insist(i, Cue::OtherLuma, LUMA);
+            field.insist(i, Cue::OtherLuma, OTHER_LUMA);
         } else {
-            field.observe(i, Cue::SamePlace, LUMA);
+            field.observe(i, Cue::SameLuma, SAME_LUMA * (point.hits / SURE_HITS).min(1.0));
         }
+    }
+
+    /// Median luma difference between this frame and an earlier one where depth agrees: the change of exposure.
+    pub(crate) fn exposure_since(&self, earlier: &Earlier<'_>) -> f32 {
+        let difference = |i: usize| {
+            let (p, z) = earlier.warp.apply(self.camera, self.rays[i], self.frame.depth.pixels()[i])?;
+            let j = self.camera.nearest(p)?;
+            let (near, far) = (earlier.appearance.near.pixels()[j], earlier.appearance.far.pixels()[j]);
+            let same = near > 0.0 && self.relation(z, [near, far], earlier.shift) == Relation::Same;
+            same.then(|| f32::from(self.frame.gray.pixels()[i]) - f32::from(earlier.appearance.gray.pixels()[j]))
+        };
+        let usable = |i: &usize| self.is_usable(self.frame.depth.pixels()[*i]);
+        let mut all: Vec<f32> =
+            (0..self.rays.len()).step_by(EXPOSURE_SAMPLING).filter(usable).filter_map(difference).collect();
+        super::objects::median(&mut all).unwrap_or(0.0)
     }
 
     /// Mean luma difference between frame and model where depth agrees: the change of exposure.
@@ -357,8 +385,10 @@ impl Scene<'_> {
     }
 }
 
-/// Every how many pixels exposure is compared.
+/// Every how many pixels exposure is compared with the static model, …
 const LUMA_SAMPLING: usize = 7;
+/// … and with earlier frames.
+const EXPOSURE_SAMPLING: usize = 41;
 
 /// The image at a position between pixels; `None` at the border.
 fn bilinear(image: &[f32], camera: &Pinhole, [x, y]: [f32; 2]) -> Option<f32> {
@@ -409,6 +439,84 @@ pub(crate) fn steepest_gradient(camera: &Pinhole, gray: &[u8], spare: &mut Vec<f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rigid::view::Motion;
+    use pfd_geometry::{Image, Pose};
+
+    const CAMERA: Pinhole = Pinhole { width: 12, height: 8, fx: 10.0, fy: 10.0, cx: 5.5, cy: 3.5 };
+
+    /// Evidence of other texture on a wall of which texture and luma were `[texture, luma]` before and are now, while everything has become
+    /// brighter by 10.
+    fn other_texture(before: [f32; 2], now: [f32; 2]) -> f32 {
+        let flat = |value: f32| Image::filled(12, 8, value);
+        let appearance = |[texture, luma]: [f32; 2]| Appearance {
+            texture: flat(texture),
+            gray: Image::filled(12, 8, luma as u8),
+            near: flat(2.0),
+            far: flat(2.0),
+            mask: vec![0; CAMERA.pixels()],
+        };
+        let frame = ViewFrame { gray: Image::filled(12, 8, now[1] as u8), depth: flat(2.0) };
+        let rays: Vec<_> = (0..CAMERA.pixels()).map(|i| CAMERA.ray(i)).collect();
+        let nothing = vec![0.0; CAMERA.pixels()];
+        let appearances = [before, now].map(appearance);
+        let scene = Scene {
+            camera: &CAMERA,
+            rays: &rays,
+            noise: &DepthNoise::default(),
+            frame: &frame,
+            appearance: &appearances[1],
+            gradient: &nothing,
+            filled: frame.depth.pixels(),
+            carried: &vec![BACKGROUND; CAMERA.pixels()],
+            significance: 3.5,
+        };
+        let warp = Warp::Rigid(Motion::from(&Pose::identity()));
+        let earlier =
+            Earlier { appearance: &appearances[0], warp, pixel_sigma: 0.4, shift: 0.0, exposure: 10.0, trust: 1.0 };
+        let mut field = Field::default();
+        field.clear(CAMERA.pixels());
+        scene.compare_earlier(&[earlier], 0, &mut field);
+        field.cues.iter().map(|c| c[Cue::OtherTexture as usize]).sum()
+    }
+
+    #[test]
+    fn other_texture_is_other_luma_too() {
+        assert!(other_texture([0.0, 90.0], [40.0, 140.0]) > 1.0);
+        assert_eq!(other_texture([0.0, 90.0], [40.0, 100.0]), 0.0, "beside a silhouette");
+        assert_eq!(other_texture([0.0, 90.0], [0.0, 140.0]), 0.0, "a shadow");
+    }
+
+    #[test]
+    fn the_change_of_exposure_is_that_of_most_pixels() {
+        let mut frame = ViewFrame { gray: Image::filled(40, 30, 117), depth: Image::filled(40, 30, 2.0) };
+        let camera = Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 };
+        frame.gray.pixels_mut()[..400].fill(250);
+        let flat = |value: f32| Image::filled(40, 30, value);
+        let appearance = Appearance {
+            texture: flat(0.0),
+            gray: Image::filled(40, 30, 100),
+            near: flat(2.0),
+            far: flat(2.0),
+            mask: vec![0; camera.pixels()],
+        };
+        let rays: Vec<_> = (0..camera.pixels()).map(|i| camera.ray(i)).collect();
+        let nothing = vec![0.0; camera.pixels()];
+        let scene = Scene {
+            camera: &camera,
+            rays: &rays,
+            noise: &DepthNoise::default(),
+            frame: &frame,
+            appearance: &appearance,
+            gradient: &nothing,
+            filled: frame.depth.pixels(),
+            carried: &vec![BACKGROUND; camera.pixels()],
+            significance: 3.5,
+        };
+        let warp = Warp::Rigid(Motion::from(&Pose::identity()));
+        let earlier =
+            Earlier { appearance: &appearance, warp, pixel_sigma: 0.4, shift: 0.0, exposure: 0.0, trust: 1.0 };
+        assert_eq!(scene.exposure_since(&earlier), 17.0);
+    }
 
     #[test]
     fn gradient_of_a_ramp() {

@@ -9,6 +9,7 @@ mod ego_motion;
 mod evidence;
 mod large_planes;
 mod missing_depth;
+mod model_alignment;
 mod motion;
 mod objects;
 mod planes;

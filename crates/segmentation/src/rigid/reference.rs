@@ -1,7 +1,7 @@
 //! Past frames to compare with, and how current pixels map into them.
 
 use nalgebra::Matrix3;
-use pfd_geometry::{Image, Pose};
+use pfd_geometry::{GrayImage, Image, Pose};
 use pfd_vision::VisionError;
 use pfd_vision::warp::box_mean;
 
@@ -80,6 +80,8 @@ impl FrameMotion {
 pub(crate) struct Appearance {
     /// Luma without its local mean (or luma itself where shadows are to count as motion).
     pub(crate) texture: Image<f32>,
+    /// Luma.
+    pub(crate) gray: GrayImage,
     /// Nearest depth in the 5×5 neighbourhood; 0 where the pixel itself has none.
     pub(crate) near: Image<f32>,
     /// Farthest depth there.
@@ -112,6 +114,7 @@ impl Appearance {
                 *t = f32::from(g);
             }
         }
+        self.gray.clone_from(&frame.gray);
         depth_range(width, frame.depth.pixels(), spare, self.near.pixels_mut(), self.far.pixels_mut());
         Ok(())
     }

@@ -12,6 +12,7 @@ use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, steepest_gradient};
 use super::large_planes::{LargePlanes, NO_PLANE};
 use super::missing_depth;
+use super::model_alignment::Alignment;
 use super::motion::{CornerMove, MotionEstimate, MotionEstimator};
 use super::objects::{Object, Objects, Policy};
 use super::reference::{Appearance, FrameMotion, Reference, depth_range};
@@ -274,18 +275,19 @@ impl RigidSegmenter {
     fn gather(&mut self, estimate: &MotionEstimate, dt: f64, time: f64) {
         let camera = self.view.camera;
         self.field.clear(camera.pixels());
-        for reference in &mut self.history {
-            reference.motion = reference.motion.then(&estimate.motion);
-        }
         self.flow = estimate.flow;
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
+        let motion = self.anchor(&estimate.motion);
+        for reference in &mut self.history {
+            reference.motion = reference.motion.then(&motion);
+        }
         if self.config.temporal {
-            self.look_back(&estimate.motion);
+            self.look_back(&motion);
         }
         self.compare_earlier(estimate.flow, time);
         if self.config.static_model {
-            self.compare_model(&estimate.motion, estimate.flow);
+            self.compare_model(&motion, estimate.flow);
         }
         self.find_surfaces();
         if self.config.whole_things {
@@ -297,6 +299,17 @@ impl RigidSegmenter {
         for corner in estimate.corners.iter().filter(|c| c.chi2.is_some_and(|x| x > CORNER_CHI2)) {
             splat(&camera, corner.to, &mut self.field);
         }
+    }
+
+    /// The camera motion, corrected by the static model: see [`Alignment`].
+    fn anchor(&self, motion: &FrameMotion) -> FrameMotion {
+        if !self.config.static_model || !self.config.anchored_motion {
+            return *motion;
+        }
+        let (camera, points, carried) = (&self.view.camera, self.model.points(), self.objects.carried());
+        let alignment = Alignment { camera, noise: &self.noise, frame: &self.current, points };
+        let corrected = alignment.correct(&motion.T_earlier_current.inverse(), |i| carried[i] != BACKGROUND);
+        FrameMotion { T_earlier_current: corrected.inverse(), ..*motion }
     }
 
     /// Finds the doubts of the last frame about what this one sees.
@@ -375,7 +388,7 @@ impl RigidSegmenter {
     fn compare_earlier(&mut self, flow: f32, time: f64) {
         let mut field = std::mem::take(&mut self.field);
         let age_wanted = self.config.older_reference_age;
-        let earlier: Vec<Earlier<'_>> = self
+        let mut earlier: Vec<Earlier<'_>> = self
             .references(time)
             .into_iter()
             .map(|reference| Earlier {
@@ -383,10 +396,15 @@ impl RigidSegmenter {
                 warp: reference.motion.warp(),
                 pixel_sigma: WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow,
                 shift: depth_shift(flow, reference.flow),
+                exposure: 0.0,
                 trust: ((time - reference.time) / age_wanted).clamp(0.0, 1.0) as f32,
             })
             .collect();
-        self.scene().compare_earlier(&earlier, self.frames % (STRIDE * STRIDE), &mut field);
+        let scene = self.scene();
+        for e in &mut earlier {
+            e.exposure = scene.exposure_since(e);
+        }
+        scene.compare_earlier(&earlier, self.frames % (STRIDE * STRIDE), &mut field);
         drop(earlier);
         self.field = field;
     }

@@ -20,6 +20,16 @@ pub(crate) struct ModelPoint {
 }
 
 impl ModelPoint {
+    /// Whether this point rather than `other` is what a pixel shows onto which both fall: the nearer one, or, of two of the same
+    /// surface, that which was confirmed more often.
+    fn replaces(&self, other: &Self) -> bool {
+        let (z, occupied) = (self.position[2], other.position[2]);
+        if occupied > 0.0 && (z - occupied).abs() < MAX_GAP_STEP * z.min(occupied) {
+            return self.hits > other.hits;
+        }
+        occupied == 0.0 || z < occupied
+    }
+
     /// Whether a surface is known here.
     pub(crate) fn is_known(&self) -> bool {
         self.position[2] > 0.0
@@ -42,7 +52,7 @@ const KEPT_OUTSIDE: f32 = 0.975;
 const EDGE_SLACK: f32 = 0.01;
 /// A measurement that contradicts a point leaves this share of its confirmations.
 const KEPT_CONTRADICTED: f32 = 0.8;
-/// Depth step per metre of depth across a gap of one pixel up to which its sides are one surface.
+/// Depth step per metre of depth across a gap of one pixel up to which its sides are one surface, and so are two points on one pixel.
 const MAX_GAP_STEP: f32 = 0.04;
 
 /// The model and its spare buffer.
@@ -84,8 +94,7 @@ impl StaticModel {
             }
             let pixel = camera.project(point.position);
             let Some(index) = camera.nearest(pixel) else { return place_outside(camera, pixel) };
-            let occupied = target[index].position[2];
-            if occupied == 0.0 || point.position[2] < occupied {
+            if point.replaces(&target[index]) {
                 target[index] = *point;
             }
             Place::Inside
@@ -208,7 +217,7 @@ fn fill_gaps(camera: &Pinhole, points: &mut [ModelPoint]) {
 fn between(a: &ModelPoint, b: &ModelPoint) -> Option<(f32, f32, f32)> {
     let (za, zb) = (a.position[2], b.position[2]);
     let connected = a.is_known() && b.is_known() && (za - zb).abs() < MAX_GAP_STEP * za.min(zb);
-    connected.then(|| (0.5 * (za + zb), 0.5 * (a.gray + b.gray), a.hits.min(b.hits)))
+    connected.then(|| (0.5 * (za + zb), 0.5 * (a.gray + b.gray), a.hits.max(b.hits)))
 }
 
 #[cfg(test)]
@@ -238,6 +247,35 @@ mod tests {
         model.replace(1, CAMERA.unproject(12.0, 8.0, 1.0), 2.0);
         model.advance(&CAMERA, &Motion::from(&pfd_geometry::Pose::identity()));
         assert_eq!(model.points()[CAMERA.nearest([12.0, 8.0]).unwrap()].gray, 2.0);
+    }
+
+    #[test]
+    fn what_a_mover_hides_is_remembered_while_the_camera_moves() {
+        let mut model = StaticModel::new(&CAMERA);
+        for i in 0..CAMERA.pixels() {
+            let position = CAMERA.unproject((i % CAMERA.width) as f32, (i / CAMERA.width) as f32, 2.0);
+            (0..20).for_each(|_| model.confirm(i, position, 70.0));
+        }
+        // To and fro by less than a pixel: two points of the wall fall on one pixel and none on another, each time elsewhere.
+        for frame in 0..60 {
+            let way = 0.011 * f64::from(frame).sin();
+            model.advance(&CAMERA, &Motion::from(&pose::exp(&Vector6::new(way, 0.7 * way, way, 0.0, 0.0, 2.0 * way))));
+        }
+        let kept = model.points().iter().filter(|p| p.hits >= 10.0).count();
+        assert!(kept as f32 > 0.9 * CAMERA.pixels() as f32, "{kept} of {}", CAMERA.pixels());
+    }
+
+    #[test]
+    fn of_two_points_of_a_surface_the_more_often_confirmed_one_stays() {
+        let still = Motion::from(&pfd_geometry::Pose::identity());
+        for (near_hits, far_hits, expected) in [(2, 9, 9.0), (9, 2, 9.0)] {
+            let mut model = StaticModel::new(&CAMERA);
+            let (near, far) = (CAMERA.unproject(12.1, 8.0, 1.99), CAMERA.unproject(11.9, 8.0, 2.0));
+            (0..near_hits).for_each(|_| model.confirm(0, near, 1.0));
+            (0..far_hits).for_each(|_| model.confirm(1, far, 2.0));
+            model.advance(&CAMERA, &still);
+            assert_eq!(model.points()[CAMERA.nearest([12.0, 8.0]).unwrap()].hits, expected);
+        }
     }
 
     #[test]
