@@ -49,9 +49,6 @@ const TEXTURE_NOISE: f32 = 4.0;
 const STRONG_GRADIENT: f32 = 12.0;
 /// Luma difference (grey levels) that a static surface shows by shadows of movers and exposure.
 const LUMA_TOLERANCE: f32 = 20.0;
-/// Confirmations from which a point of the static model is believed.
-pub(crate) const MIN_HITS: f32 = 3.0;
-
 /// Confirmations from which a point of the static model is certain.
 const SURE_HITS: f32 = 10.0;
 
@@ -317,7 +314,7 @@ impl Scene<'_> {
     pub(crate) fn compare_model(&self, model: &[ModelPoint], [near, far]: [&[f32]; 2], shift: f32, field: &mut Field) {
         let offset = self.luma_offset(model);
         for (i, &z) in self.frame.depth.pixels().iter().enumerate() {
-            if near[i] <= 0.0 || model[i].hits < MIN_HITS {
+            if near[i] <= 0.0 || !model[i].is_believed() {
                 continue;
             }
             if !self.is_usable(z) {

@@ -61,7 +61,7 @@ struct Block {
 /// Normal equations of a plane.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sums {
-    /// Sum of a aᵀ with a = (x, y, 1); the last element counts the pixels.
+    /// Lower triangle of the sum of a aᵀ with a = (x, y, 1); the last element counts the pixels.
     normal: Matrix3<f64>,
     /// Sum of a q.
     right: Vector3<f64>,
@@ -72,10 +72,16 @@ pub(crate) struct Sums {
 impl Sums {
     /// Adds a pixel `(x, y)` with inverse depth `q`, which counts `weight` times.
     pub(crate) fn add(&mut self, [x, y, q]: [f64; 3], weight: f64) {
-        let a = Vector3::new(x, y, 1.0);
-        self.normal += a * a.transpose() * weight;
-        self.right += a * (q * weight);
-        self.squares += q * q * weight;
+        let (by_x, by_y, by_q) = (weight * x, weight * y, weight * q);
+        let n = &mut self.normal;
+        n.m11 += by_x * x;
+        n.m21 += by_x * y;
+        n.m31 += by_x;
+        n.m22 += by_y * y;
+        n.m32 += by_y;
+        n.m33 += weight;
+        self.right += Vector3::new(by_q * x, by_q * y, by_q);
+        self.squares += by_q * q;
     }
 
     fn merge(&mut self, other: &Self) {
@@ -99,7 +105,9 @@ impl Sums {
 
     /// Whether the pixels lie on a plane.
     fn lie_on(&self, plane: &Plane, noise: &DepthNoise) -> bool {
-        let squares = self.squares - 2.0 * plane.dot(&self.right) + plane.dot(&(self.normal * plane));
+        let mut product = Vector3::zeros();
+        product.sygemv(1.0, &self.normal, plane, 0.0);
+        let squares = self.squares - 2.0 * plane.dot(&self.right) + plane.dot(&product);
         let q = self.mean_inverse_depth();
         // Of both parts of the noise the larger: together they would let a belly pass for flat at arm's length.
         let sigma = FLAT * noise.quadratic.max(noise.offset * q * q);
@@ -110,7 +118,7 @@ impl Sums {
     fn area(&self, plane: &Plane, camera: &Pinhole) -> f64 {
         let (fx, fy, q) = (f64::from(camera.fx), f64::from(camera.fy), self.mean_inverse_depth());
         let normal = Vector3::new(plane[0] * fx, plane[1] * fy, plane[2]);
-        let [x, y] = [0, 1].map(|axis| self.normal[(axis, 2)] / self.count());
+        let [x, y] = [0, 1].map(|axis| self.normal[(2, axis)] / self.count());
         let ray = Vector3::new(x / fx, y / fy, 1.0);
         let cosine = normal.dot(&ray).abs() / (normal.norm() * ray.norm());
         self.count() / (fx * fy * q * q * cosine.max(MIN_COSINE))

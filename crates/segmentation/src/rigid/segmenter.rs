@@ -9,7 +9,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::credibility;
 use super::diffusion::{Conductance, EdgeScales};
-use super::evidence::{Cue, Earlier, Field, MIN_HITS, STRIDE, Scene, depth_shift, steepest_gradient};
+use super::evidence::{Cue, Earlier, Field, STRIDE, Scene, depth_shift, steepest_gradient};
 use super::large_planes::{LargePlanes, NO_PLANE};
 use super::missing_depth;
 use super::model_alignment::Alignment;
@@ -126,7 +126,7 @@ const STILL_CORNER: f32 = 0.2;
 const PRIOR: f32 = 0.04;
 /// Regions start where the log-odds exceed this.
 const HYSTERESIS: f32 = 0.3;
-/// Uncertainty of a warp, and of a corner under it, working pixels: interpolation and pose, …
+/// Uncertainty of a place in another frame, working pixels: interpolation and pose, …
 const WARP_SIGMA: f32 = 0.35;
 /// … plus this share of the image motion, for rolling shutter, blur and stamps of colour and depth that differ.
 const WARP_SIGMA_PER_PIXEL: f32 = 0.05;
@@ -278,7 +278,7 @@ impl RigidSegmenter {
         self.flow = estimate.flow;
         self.objects.update_velocities(&estimate.corners, dt);
         self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
-        let motion = self.anchor(&estimate.motion);
+        let motion = self.anchor(&estimate.motion, estimate.flow);
         for reference in &mut self.history {
             reference.motion = reference.motion.then(&motion);
         }
@@ -302,12 +302,13 @@ impl RigidSegmenter {
     }
 
     /// The camera motion, corrected by the static model: see [`Alignment`].
-    fn anchor(&self, motion: &FrameMotion) -> FrameMotion {
+    fn anchor(&self, motion: &FrameMotion, flow: f32) -> FrameMotion {
         if !self.config.static_model || !self.config.anchored_motion {
             return *motion;
         }
         let (camera, points, carried) = (&self.view.camera, self.model.points(), self.objects.carried());
-        let alignment = Alignment { camera, noise: &self.noise, frame: &self.current, points };
+        let (pixel_sigma, shift) = (pixel_sigma(flow), depth_shift(flow, self.flow));
+        let alignment = Alignment { camera, noise: &self.noise, frame: &self.current, points, pixel_sigma, shift };
         let corrected = alignment.correct(&motion.T_earlier_current.inverse(), |i| carried[i] != BACKGROUND);
         FrameMotion { T_earlier_current: corrected.inverse(), ..*motion }
     }
@@ -353,7 +354,7 @@ impl RigidSegmenter {
     /// Adds evidence around corners that move together, and against motion around the still ones beside them. The fewer earlier
     /// frames there are to compare with, the more corners say.
     fn blame_territories(&mut self, corners: &[CornerMove]) {
-        let (camera, sigma) = (self.view.camera, WARP_SIGMA + WARP_SIGMA_PER_PIXEL * self.flow);
+        let (camera, sigma) = (self.view.camera, pixel_sigma(self.flow));
         if !territories::enough_move(corners, sigma) {
             return;
         }
@@ -394,7 +395,7 @@ impl RigidSegmenter {
             .map(|reference| Earlier {
                 appearance: &reference.appearance,
                 warp: reference.motion.warp(),
-                pixel_sigma: WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow,
+                pixel_sigma: pixel_sigma(flow),
                 shift: depth_shift(flow, reference.flow),
                 exposure: 0.0,
                 trust: ((time - reference.time) / age_wanted).clamp(0.0, 1.0) as f32,
@@ -427,7 +428,7 @@ impl RigidSegmenter {
         self.model.advance(&camera, &Motion::from(&motion.T_earlier_current.inverse()));
         let b = &mut self.buffers;
         b.model_depth.clear();
-        b.model_depth.extend(self.model.points().iter().map(|p| if p.hits >= MIN_HITS { p.position[2] } else { 0.0 }));
+        b.model_depth.extend(self.model.points().iter().map(|p| if p.is_believed() { p.position[2] } else { 0.0 }));
         b.model_near.resize(camera.pixels(), 0.0);
         b.model_far.resize(camera.pixels(), 0.0);
         depth_range(camera.width, &b.model_depth, &mut b.range, &mut b.model_near, &mut b.model_far);
@@ -647,6 +648,11 @@ impl RigidSegmenter {
         let share = self.mask.iter().filter(|&&m| m != 0).count() as f64 / self.mask.len().max(1) as f64;
         (self.config.fail_open && share > self.config.max_mask_share).then_some(FailOpenReason::MaskTooLarge { share })
     }
+}
+
+/// Uncertainty of a warp, and of a corner under it, working pixels, when the image moves by `flow` pixels.
+fn pixel_sigma(flow: f32) -> f32 {
+    WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow
 }
 
 /// Marks the pixels of components.

@@ -30,12 +30,19 @@ impl ModelPoint {
         occupied == 0.0 || z < occupied
     }
 
+    /// Whether it was confirmed often enough to say anything of what is seen.
+    pub(crate) fn is_believed(&self) -> bool {
+        self.hits >= MIN_HITS
+    }
+
     /// Whether a surface is known here.
     pub(crate) fn is_known(&self) -> bool {
         self.position[2] > 0.0
     }
 }
 
+/// Confirmations from which a point is believed.
+const MIN_HITS: f32 = 3.0;
 /// Confirmations counted at most: about a second, after which old and new measurements weigh 1 : 30.
 pub(crate) const MAX_HITS: f32 = 30.0;
 /// Weight of a new luma value: follows exposure drift within a few frames.
@@ -101,10 +108,10 @@ impl StaticModel {
         };
         self.outside.retain_mut(|point| {
             point.hits *= KEPT_OUTSIDE;
-            point.hits >= 1.0 && carry(point, target) == Place::Beside
+            point.is_believed() && carry(point, target) == Place::Beside
         });
         for point in self.points.pixels_mut().iter_mut().filter(|p| p.is_known()) {
-            if carry(point, target) == Place::Beside && point.hits > 1.0 && self.outside.len() < camera.pixels() {
+            if carry(point, target) == Place::Beside && point.is_believed() && self.outside.len() < camera.pixels() {
                 self.outside.push(*point);
             }
         }
