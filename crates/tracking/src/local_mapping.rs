@@ -76,11 +76,18 @@ pub fn refresh_shutters(map: &mut Map, camera: &Camera, readout: f64) {
 pub fn set_shutter(map: &mut Map, camera: &Camera, id: KeyframeId, shutter: Shutter) {
     let Some(keyframe) = map.keyframe_mut(id) else { return };
     keyframe.features.set_shutter(camera, shutter);
+    place_single_views(map, camera, id);
+}
+
+/// Puts the points that only this keyframe sees where it measures them.
+pub fn place_single_views(map: &mut Map, camera: &Camera, id: KeyframeId) {
+    let Some(keyframe) = map.keyframe(id) else { return };
     let from_camera = keyframe.T_camera_world.inverse();
+    let is_alone = |point| map.point(point).is_some_and(|p| p.observations().len() == 1);
     let place = |(feature, point)| Some((point, from_camera * keyframe.features.point_in_camera(feature, camera)?));
-    let moved: Vec<_> = keyframe.observed().filter_map(place).collect();
+    let moved: Vec<_> = keyframe.observed().filter(|(_, point)| is_alone(*point)).filter_map(place).collect();
     for (id, position) in moved {
-        if let Some(point) = map.point_mut(id).filter(|p| p.observations().len() == 1) {
+        if let Some(point) = map.point_mut(id) {
             point.position = position;
         }
     }

@@ -210,6 +210,10 @@ impl Mapper {
         let pose_of = |map: &Map| reference.and_then(|id| map.keyframe(id)).map(|k| k.T_camera_world);
         let before = pose_of(&self.map);
         bundle_adjustment::apply(&mut self.map, &result);
+        // Their measurements may have been corrected while the solver was at work.
+        for (keyframe, _) in &result.poses {
+            local_mapping::place_single_views(&mut self.map, &self.camera, *keyframe);
+        }
         Some(before?.inverse() * pose_of(&self.map)?)
     }
 

@@ -281,12 +281,18 @@ impl Scene<'_> {
                 }
             }
         }
-        self.compare_texture(i, earlier, (p, j), field)
+        self.compare_texture(i, earlier, (p, j, z), field)
     }
 
     /// The difference of texture in units of what noise and an uncertain warp explain: below one it speaks for "static", the
     /// more the stronger the texture; towards [`Self::significance`] for motion.
-    fn compare_texture(&self, i: usize, earlier: &Earlier<'_>, (p, j): ([f32; 2], usize), field: &mut Field) -> bool {
+    fn compare_texture(
+        &self,
+        i: usize,
+        earlier: &Earlier<'_>,
+        (p, j, z): ([f32; 2], usize, f32),
+        field: &mut Field,
+    ) -> bool {
         let Some(expected) = bilinear(earlier.appearance.texture.pixels(), self.camera, p) else { return false };
         let difference = (self.appearance.texture.pixels()[i] - expected).abs();
         let gradient = self.gradient[i];
@@ -294,8 +300,8 @@ impl Scene<'_> {
         let sigma = (TEXTURE_NOISE * TEXTURE_NOISE + slip * slip).sqrt();
         let significant = |difference: f32| ((difference / sigma - 1.0) / (self.significance - 1.0)).clamp(0.0, 1.0);
         let mut evidence = significant(difference);
-        if evidence > 0.0 {
-            // Beside a silhouette that has moved the mean that is taken off changes, and nothing else does.
+        if evidence > 0.0 && self.is_beside_silhouette(i, earlier, (j, z)) {
+            // Where the silhouette has moved the mean that is taken off changes, and nothing else does.
             let gray = |image: &GrayImage, at: usize| f32::from(image.pixels()[at]);
             let luma = gray(&self.frame.gray, i) - gray(&earlier.appearance.gray, j) - earlier.exposure;
             evidence = evidence.min(significant(luma.abs()));
@@ -308,6 +314,13 @@ impl Scene<'_> {
             field.add_motion(i, Cue::OtherTexture, evidence * TEXTURE_CHANGED * SAMPLED);
         }
         meaningful
+    }
+
+    /// Whether something nearer is beside pixel `i`, or was beside pixel `j` of an earlier frame, where its surface lies at depth `z`.
+    fn is_beside_silhouette(&self, i: usize, earlier: &Earlier<'_>, (j, z): (usize, f32)) -> bool {
+        let beside = |near: f32, z: f32| near > 0.0 && self.has_edge(near, z);
+        beside(self.appearance.near.pixels()[i], self.frame.depth.pixels()[i])
+            || beside(earlier.appearance.near.pixels()[j], z)
     }
 
     /// Compares the current frame with the static model, of which `near` and `far` are the depth range.
@@ -441,14 +454,14 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole { width: 12, height: 8, fx: 10.0, fy: 10.0, cx: 5.5, cy: 3.5 };
 
-    /// Evidence of other texture on a wall of which texture and luma were `[texture, luma]` before and are now, while everything has become
-    /// brighter by 10.
-    fn other_texture(before: [f32; 2], now: [f32; 2]) -> f32 {
+    /// Evidence of other texture on a wall, `beside` something or not, of which texture and luma were `[texture, luma]` before and are now,
+    /// while everything has become brighter by 10.
+    fn other_texture(beside: bool, before: [f32; 2], now: [f32; 2]) -> f32 {
         let flat = |value: f32| Image::filled(12, 8, value);
         let appearance = |[texture, luma]: [f32; 2]| Appearance {
             texture: flat(texture),
             gray: Image::filled(12, 8, luma as u8),
-            near: flat(2.0),
+            near: flat(if beside { 1.2 } else { 2.0 }),
             far: flat(2.0),
             mask: vec![0; CAMERA.pixels()],
         };
@@ -477,10 +490,13 @@ mod tests {
     }
 
     #[test]
-    fn other_texture_is_other_luma_too() {
-        assert!(other_texture([0.0, 90.0], [40.0, 140.0]) > 1.0);
-        assert_eq!(other_texture([0.0, 90.0], [40.0, 100.0]), 0.0, "beside a silhouette");
-        assert_eq!(other_texture([0.0, 90.0], [0.0, 140.0]), 0.0, "a shadow");
+    fn beside_a_silhouette_other_texture_is_other_luma_too() {
+        for beside in [true, false] {
+            assert!(other_texture(beside, [0.0, 90.0], [40.0, 140.0]) > 1.0);
+            assert_eq!(other_texture(beside, [0.0, 90.0], [0.0, 140.0]), 0.0, "a shadow");
+        }
+        assert_eq!(other_texture(true, [0.0, 90.0], [40.0, 100.0]), 0.0, "the silhouette has moved");
+        assert!(other_texture(false, [0.0, 90.0], [40.0, 100.0]) > 1.0);
     }
 
     #[test]
