@@ -9,7 +9,8 @@ const DROP: f64 = 0.1;
 /// What stays unusual for so long has become usual, seconds.
 const PATIENCE: f64 = 0.2;
 
-/// The share of associations that agree with the pose, over time.
+/// The share of associations that agree with the refined pose, of those that agreed with the pose before it, over time. (Counted among all
+/// associations it tells no more: ATE without masks +5 %, with masks the same.)
 ///
 /// Somebody who stood in the map and starts to move takes the camera along: before a far wall, a small translation with the opposite
 /// rotation explains them as well. Until their mask comes, a few frames later, only the associations that no longer agree tell.

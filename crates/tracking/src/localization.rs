@@ -20,7 +20,7 @@ pub struct Localized {
     pub matches: Vec<Match>,
     /// Of a perturbation in the camera frame (tx ty tz rx ry rz).
     pub covariance: Matrix6<f64>,
-    /// Share of the associations that agreed with the pose.
+    /// Share of the associations that agreed with the pose: after refinement, of those that agreed with the pose before it.
     pub consensus: f64,
     /// Points that were sought by projection, associated or not.
     pub sought: Vec<MapPointId>,
