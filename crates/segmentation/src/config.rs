@@ -82,17 +82,29 @@ impl SegmentationConfig {
     /// [`SegmentationError::Parameter`] names the parameter at fault.
     pub fn check(&self) -> Result<(), SegmentationError> {
         let positive = "a finite number above 0";
-        let (noise, particles, pfd) = (&self.depth_noise, &self.particles, &self.pfd);
+        let (noise, particles, pfd, paper) = (&self.depth_noise, &self.particles, &self.pfd, &self.paper);
+        let (share, not_negative) = ("a share, 0 to 1", "0 or more");
+        let is_share = |value: f64| (0.0..=1.0).contains(&value);
         let checks = [
             ("depth_noise.offset", noise.offset, noise.offset > 0.0, positive),
-            ("depth_noise.quadratic", noise.quadratic, noise.quadratic >= 0.0, "0 or more"),
+            ("depth_noise.quadratic", noise.quadratic, noise.quadratic >= 0.0, not_negative),
             ("depth_noise.max_depth", noise.max_depth, noise.max_depth > noise.min_depth, "above min_depth"),
             ("particles.count", particles.count as f64, (10..=100_000).contains(&particles.count), "10 to 100000"),
             ("particles.kernel_sigma", particles.kernel_sigma, particles.kernel_sigma > 0.0, positive),
+            ("particles.position_sigma", particles.position_sigma, particles.position_sigma > 0.0, positive),
+            ("particles.velocity_sigma", particles.velocity_sigma, particles.velocity_sigma >= 0.0, not_negative),
+            ("particles.resample_below", particles.resample_below, is_share(particles.resample_below), share),
+            ("pfd.threshold", pfd.threshold, is_share(pfd.threshold), share),
+            ("pfd.min_area", pfd.min_area, is_share(pfd.min_area), share),
+            ("pfd.max_mask_share", pfd.max_mask_share, is_share(pfd.max_mask_share), share),
             ("pfd.significance", pfd.significance, pfd.significance > 1.0, "above 1"),
             ("pfd.older_reference_age", pfd.older_reference_age, pfd.older_reference_age > 0.0, positive),
             ("pfd.rest_time", pfd.rest_time, pfd.rest_time > 0.0, positive),
-            ("paper.features", self.paper.features as f64, self.paper.features > 0, "1 or more"),
+            ("paper.features", paper.features as f64, paper.features > 0, "1 or more"),
+            ("paper.depth_clusters", paper.depth_clusters as f64, paper.depth_clusters > 0, "1 or more"),
+            ("paper.epipolar_distance", paper.epipolar_distance, paper.epipolar_distance > 0.0, positive),
+            ("paper.flow_sigmas", paper.flow_sigmas, paper.flow_sigmas > 0.0, positive),
+            ("paper.min_evidence", paper.min_evidence, paper.min_evidence >= 0.0, not_negative),
         ];
         for (name, value, holds, expected) in checks {
             if !holds || !value.is_finite() {

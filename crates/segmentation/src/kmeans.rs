@@ -16,6 +16,9 @@ pub struct Cluster {
 
 /// Up to `k` clusters of `values`, in ascending order; empty ones are left out.
 pub fn kmeans(values: &[f32], k: usize) -> Vec<Cluster> {
+    if k == 0 {
+        return Vec::new();
+    }
     let mut sorted = values.to_vec();
     sorted.sort_by(f32::total_cmp);
     let k = k.min(sorted.len());
@@ -67,7 +70,7 @@ mod tests {
 
     #[test]
     fn fewer_values_than_clusters() {
-        assert!(kmeans(&[], 3).is_empty());
+        assert!(kmeans(&[], 3).is_empty() && kmeans(&[2.0], 0).is_empty());
         assert_eq!(kmeans(&[2.0], 3), [Cluster { center: 2.0, sigma: 0.0, count: 1 }]);
     }
 }

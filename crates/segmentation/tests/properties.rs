@@ -3,7 +3,10 @@
 #![allow(clippy::unwrap_used)] // helpers of tests may panic: that is how tests fail
 
 use pfd_geometry::{Camera, DepthImage, Distortion, Image, RgbdFrame, Stamp};
-use pfd_segmentation::{FailOpenReason, Mode, Segmentation, SegmentationConfig, SegmentationError, Segmenter, Status};
+use pfd_segmentation::{
+    Compensation, FailOpenReason, MissingDepth, Mode, PfdConfig, RegionShape, Segmentation, SegmentationConfig,
+    SegmentationError, Segmenter, Status,
+};
 use proptest::prelude::*;
 
 const WIDTH: usize = 320;
@@ -217,16 +220,51 @@ fn a_mask_that_is_not_believed_leaves_nothing_behind() {
 
 #[test]
 fn the_published_modes_mask_what_moves() {
-    for (mode, least) in [(Mode::Paper, 0.6), (Mode::Single, 0.6), (Mode::Flow, 0.02)] {
-        let mut segmenter = segmenter(mode);
-        let recalls: Vec<f64> = (0..25)
-            .map(|frame| {
-                let x = 20 + 6 * frame;
-                score(&segmenter.segment(&scene(frame, Some(x))).unwrap(), x).0
-            })
-            .collect();
-        let mean = recalls[10..].iter().sum::<f64>() / 15.0;
-        assert!(mean > least, "{mode}: {mean}");
+    // The discs around the features of `flow` leave gaps, and reach beyond the outline.
+    for (mode, least_recall, least_precision) in
+        [(Mode::Paper, 0.6, 0.6), (Mode::Single, 0.6, 0.6), (Mode::Flow, 0.4, 0.5)]
+    {
+        let (recall, precision) = mean_score(segmenter(mode));
+        assert!(recall > least_recall && precision > least_precision, "{mode}: {recall} and {precision}");
+    }
+}
+
+/// Mean recall and precision of a box that moves by six pixels a frame, once it has been seen for a while.
+fn mean_score(mut segmenter: Segmenter) -> (f64, f64) {
+    const SETTLED: usize = 10;
+    const FRAMES: usize = 25;
+    let scores = (0..FRAMES).map(|frame| {
+        let x = 20 + 6 * frame;
+        score(&segmenter.segment(&scene(frame, Some(x))).unwrap(), x)
+    });
+    let settled = scores.skip(SETTLED).fold((0.0, 0.0), |sum, (r, p)| (sum.0 + r, sum.1 + p));
+    let count = (FRAMES - SETTLED) as f64;
+    (settled.0 / count, settled.1 / count)
+}
+
+#[test]
+fn with_any_one_switch_off_a_box_that_moves_is_still_masked() {
+    let switches: [fn(&mut PfdConfig); 14] = [
+        |c| c.compensation = Compensation::Homography,
+        |c| c.missing_depth = MissingDepth::Homography,
+        |c| c.older_reference = false,
+        |c| c.static_model = false,
+        |c| c.anchored_motion = false,
+        |c| c.region = RegionShape::Rectangle,
+        |c| c.whole_things = false,
+        |c| c.rigid_planes = false,
+        |c| c.moving_corners = false,
+        |c| c.refined_outlines = false,
+        |c| c.temporal = false,
+        |c| c.shadow_rejection = false,
+        |c| c.particle_support = false,
+        |c| c.fail_open = false,
+    ];
+    for (index, switch) in switches.into_iter().enumerate() {
+        let mut config = SegmentationConfig::default();
+        switch(&mut config.pfd);
+        let (recall, precision) = mean_score(Segmenter::new(camera(WIDTH, HEIGHT), Mode::Pfd, &config, 1).unwrap());
+        assert!(recall > 0.8 && precision > 0.8, "{index}: {recall} and {precision}");
     }
 }
 
@@ -236,6 +274,18 @@ fn parameters_out_of_range_are_named() {
     config.particles.count = 0;
     let error = Segmenter::new(camera(64, 48), Mode::Pfd, &config, 0).unwrap_err();
     assert!(error.to_string().contains("particles.count"), "{error}");
+    type Change = fn(&mut SegmentationConfig);
+    let wrong: [(&str, Change); 3] = [
+        ("paper.depth_clusters", |c| c.paper.depth_clusters = 0),
+        ("pfd.threshold", |c| c.pfd.threshold = f64::NAN),
+        ("pfd.max_mask_share", |c| c.pfd.max_mask_share = -0.1),
+    ];
+    for (name, change) in wrong {
+        let mut config = SegmentationConfig::default();
+        change(&mut config);
+        let error = Segmenter::new(camera(64, 48), Mode::Pfd, &config, 0).unwrap_err();
+        assert!(error.to_string().contains(name), "{error}");
+    }
 }
 
 /// A frame whose depth is arbitrary: zeros, tiny, huge and ordinary values.

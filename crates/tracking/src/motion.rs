@@ -203,6 +203,7 @@ mod tests {
     }
 
     #[test]
+    #[allow(non_snake_case)]
     fn revised_poses_make_the_velocity() {
         let at = |ms: i64| Stamp::from_nanos(ms * 1_000_000);
         let along_x = |x: f64| pose::exp(&Vector6::new(x, 0.0, 0.0, 0.0, 0.0, 0.0));

@@ -55,7 +55,7 @@ impl Alignment<'_> {
     #[allow(non_snake_case)]
     pub(crate) fn correct(&self, T_current_previous: &Pose, moves: impl Fn(usize) -> bool) -> Pose {
         // An odd step: not the same columns of each row.
-        let sampled = self.points.iter().step_by(self.points.len() / SAMPLE | 1);
+        let sampled = self.points.iter().step_by((self.points.len() / SAMPLE) | 1);
         let sample: Vec<&ModelPoint> = sampled.filter(|p| p.is_believed()).collect();
         let (mut corrected, mut exposure) = (*T_current_previous, 0.0);
         for _ in 0..STEPS {
@@ -187,6 +187,7 @@ mod tests {
         (z as f32, luma as f32)
     }
 
+    #[allow(non_snake_case)]
     fn view(T_world_camera: &Pose, brighter: f32) -> ViewFrame {
         let seen: Vec<_> = (0..CAMERA.pixels()).map(|i| look(T_world_camera, CAMERA.ray(i))).collect();
         let (mut gray, mut depth) = (Image::filled(160, 120, 0_u8), Image::filled(160, 120, 0.0_f32));

@@ -118,7 +118,7 @@ const MAX_ODDS: f32 = 2.5;
 const HOLD: f32 = 0.95;
 /// Weight of evidence against motion that halves this indulgence.
 const HOLD_WEIGHT: f32 = 0.3;
-/// Mean evidence of motion per compared pixel from which an object counts as moving.
+/// Mean evidence of motion per pixel, of which one in four is compared, from which an object counts as moving.
 const MOVING_SHARE: f32 = 0.005;
 /// Confidence gained per frame at most: an object is established after a third of a second.
 const MAX_GAIN: f32 = 0.1;

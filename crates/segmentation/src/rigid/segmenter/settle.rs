@@ -1,0 +1,163 @@
+//! From the odds of motion to objects and their mask.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+use super::{PRIOR, RigidSegmenter};
+use crate::config::RegionShape;
+use crate::result::NewRegion;
+use crate::rigid::credibility;
+use crate::rigid::large_planes::NO_PLANE;
+use crate::rigid::motion::MotionEstimate;
+use crate::rigid::regions::{BACKGROUND, Component, components, fill_rectangle};
+use crate::rigid::static_model::StaticModel;
+use crate::rigid::surfaces::Relief;
+use crate::rigid::things;
+use crate::rigid::view::{Pinhole, ViewFrame};
+
+/// Regions start where the log-odds exceed this.
+const HYSTERESIS: f32 = 0.3;
+/// Particles gather on a region at this many times their mean density, …
+const MIN_DENSITY: f64 = 4.0;
+/// … or are at least this share of all.
+const MAX_SUPPORT: f64 = 0.5;
+/// A region of which this share surely stands before the static model has come in, whether or not particles have.
+const INTRUSION: f32 = 0.4;
+/// Something that hardly ever moved rests after this share of the time that an established mover takes.
+const MIN_REST: f64 = 0.2;
+/// Holes of a mask up to this share of the image are filled.
+const HOLE_SHARE: f64 = 0.002;
+
+impl RigidSegmenter {
+    /// What the cues say together of a component that continues no object. Less is asked where, if configured, many times the
+    /// particles have gathered that chance would put there, or where a good part surely stands before the static model. What
+    /// moves on a large plane that stays where it is is a reflection, or a picture on a screen.
+    fn judge(&self, component: &Component, agreement: f32) -> NewRegion {
+        let count = component.pixels.len();
+        let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
+        let share = count as f64 / self.view.camera.pixels() as f64;
+        let density = if self.compares_first_two() { 1.0 } else { MIN_DENSITY };
+        let expected = self.particles.count as f64 * (share * density).min(MAX_SUPPORT);
+        let intruding: f32 = component.pixels.iter().map(|&i| self.field.intruding[i as usize]).sum();
+        let supported =
+            !self.config.particle_support || f64::from(gathered) > expected || intruding > INTRUSION * count as f32;
+        let cues = credibility::strengths(&self.field.cues, &component.pixels);
+        let flat = component.pixels.iter().filter(|&&i| self.planes.labels[i as usize] != NO_PLANE).count();
+        let reflection = 2 * flat > count && !credibility::depth_speaks(&cues);
+        let pixels = component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect();
+        NewRegion {
+            pixels,
+            cues,
+            believed: credibility::log_odds(&cues) > credibility::limit(supported, agreement) && !reflection,
+        }
+    }
+
+    /// Whether there is one earlier frame only: nothing is known yet of what moves, and particles have made a single step.
+    fn compares_first_two(&self) -> bool {
+        self.history.len() == 1
+    }
+
+    /// Share of the corners that follow the camera, known movers and what may be new ones aside. Of the first two frames
+    /// movers that have not been found yet have as much of a share in it as anything else, so that it counts as whole.
+    fn agreement(&self, estimate: &MotionEstimate) -> f32 {
+        if self.compares_first_two() {
+            return 1.0;
+        }
+        let (labels, candidates) = (&self.objects.labels, &self.buffers.candidates);
+        estimate.agreement(|c| labels[c.from] == BACKGROUND && !candidates[c.to])
+    }
+
+    /// Forms regions and continues objects.
+    pub(super) fn extract(&mut self, estimate: &MotionEstimate, time: f64) {
+        let camera = self.view.camera;
+        let b = &mut self.buffers;
+        let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
+        let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
+        let (mut found, new): (Vec<_>, Vec<_>) = found.into_iter().partition(|c| self.objects.continues(c));
+        mark(&new, camera.pixels(), &mut b.candidates);
+        let agreement = self.agreement(estimate);
+        self.new_regions = new.iter().map(|component| self.judge(component, agreement)).collect();
+        let believed = new.into_iter().zip(&self.new_regions).filter(|(_, judged)| judged.believed);
+        found.extend(believed.map(|(component, _)| component));
+        self.objects.update(found, &self.field.motion, time);
+        if self.config.rigid_planes {
+            let (cues, surfaces) = (&self.field.cues, &self.surfaces);
+            let speaks_for_motion = |surface| credibility::speaks_for_motion(cues, &surfaces.pixels(surface));
+            things::settle_planes(&mut self.objects, &self.surfaces, &camera, speaks_for_motion);
+        }
+        self.complete();
+        self.assign_undecided();
+        self.release(time);
+        self.draw_mask();
+    }
+
+    /// Extends objects over things of which they hold a good part: whoever stands and gestures is more than arms.
+    fn complete(&mut self) {
+        if !self.config.whole_things || self.objects.list.is_empty() {
+            return;
+        }
+        let camera = self.view.camera;
+        let (labels, cells, explained) = (&self.objects.labels, &self.field.cells, &self.field.explained);
+        // What the static model explains is not in doubt, whatever evidence has come to it from a mover beside it.
+        let share = |i: usize| (1.0 - explained[i]) * cells[i][0] / (cells[i][1] + PRIOR);
+        let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| share(i));
+        let depth = self.current.depth.pixels();
+        self.surfaces.describe(&camera, &Relief::new(&self.noise, depth, &self.planes.labels), doubt);
+        let mut rng = Pcg64Mcg::seed_from_u64(self.seed ^ self.frames as u64);
+        let owners = things::owners(&self.objects, &self.surfaces, (&camera, &self.noise, depth), &mut rng);
+        self.objects.extend(&self.surfaces, &owners);
+    }
+
+    /// Lets grey levels decide where depth does not: along outlines and where it is missing.
+    fn assign_undecided(&mut self) {
+        if self.objects.list.is_empty() {
+            return;
+        }
+        let found = (&self.objects.odds[..], &self.field.changed[..]);
+        let outlines = self.config.refined_outlines;
+        let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found, outlines);
+        self.objects.relabel(labels);
+    }
+
+    /// Lets go of what has rested long enough: it becomes part of the static scene.
+    fn release(&mut self, time: f64) {
+        let rest = self.config.rest_time;
+        let (camera, frame, model) = (&self.view.camera, &self.current, &mut self.model);
+        let rested = self.objects.release(|o| time - o.last_motion > rest * f64::from(o.peak).max(MIN_REST));
+        for i in rested.into_iter().flat_map(|o| o.pixels) {
+            adopt(camera, frame, model, i as usize);
+        }
+    }
+
+    fn draw_mask(&mut self) {
+        let camera = self.view.camera;
+        self.mask.fill(0);
+        for object in &self.objects.list {
+            for &i in &object.pixels {
+                self.mask[i as usize] = 255;
+            }
+        }
+        let max_hole = (HOLE_SHARE * camera.pixels() as f64) as usize;
+        self.buffers.holes.fill(camera.width, &mut self.mask, max_hole);
+        if self.config.region == RegionShape::Rectangle {
+            for object in &self.objects.list {
+                fill_rectangle(camera.width, &object.pixels, &mut self.mask);
+            }
+        }
+    }
+}
+
+/// Marks the pixels of components.
+fn mark(components: &[Component], pixels: usize, out: &mut Vec<bool>) {
+    out.clear();
+    out.resize(pixels, false);
+    components.iter().flat_map(|c| &c.pixels).for_each(|&i| out[i as usize] = true);
+}
+
+fn adopt(camera: &Pinhole, frame: &ViewFrame, model: &mut StaticModel, i: usize) {
+    let z = frame.depth.pixels()[i];
+    if z > 0.0 {
+        let position = camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, z);
+        model.replace(i, position, f32::from(frame.gray.pixels()[i]));
+    }
+}
