@@ -452,41 +452,48 @@ mod tests {
     use crate::rigid::view::Motion;
     use pfd_geometry::{Image, Pose};
 
-    const CAMERA: Pinhole = Pinhole { width: 12, height: 8, fx: 10.0, fy: 10.0, cx: 5.5, cy: 3.5 };
+    const CAMERA: Pinhole = Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 };
 
-    /// Evidence of other texture on a wall, `beside` something or not, of which texture and luma were `[texture, luma]` before and are now,
-    /// while everything has become brighter by 10.
-    fn other_texture(beside: bool, before: [f32; 2], now: [f32; 2]) -> f32 {
-        let flat = |value: f32| Image::filled(12, 8, value);
-        let appearance = |[texture, luma]: [f32; 2]| Appearance {
+    /// A wall at 2 m of this texture and luma, and something before it if it is `beside` something.
+    fn wall(beside: bool, [texture, luma]: [f32; 2]) -> Appearance {
+        let flat = |value: f32| Image::filled(CAMERA.width, CAMERA.height, value);
+        Appearance {
             texture: flat(texture),
-            gray: Image::filled(12, 8, luma as u8),
+            gray: Image::filled(CAMERA.width, CAMERA.height, luma as u8),
             near: flat(if beside { 1.2 } else { 2.0 }),
             far: flat(2.0),
             mask: vec![0; CAMERA.pixels()],
-        };
-        let frame = ViewFrame { gray: Image::filled(12, 8, now[1] as u8), depth: flat(2.0) };
+        }
+    }
+
+    /// What a camera at rest learns from how things look and looked while everything has become brighter by 10.
+    fn learn<T>(now: &Appearance, then: &Appearance, what: impl FnOnce(&Scene<'_>, &Earlier<'_>) -> T) -> T {
+        let frame = ViewFrame { gray: now.gray.clone(), depth: now.far.clone() };
         let rays: Vec<_> = (0..CAMERA.pixels()).map(|i| CAMERA.ray(i)).collect();
-        let nothing = vec![0.0; CAMERA.pixels()];
-        let appearances = [before, now].map(appearance);
         let scene = Scene {
             camera: &CAMERA,
             rays: &rays,
             noise: &DepthNoise::default(),
             frame: &frame,
-            appearance: &appearances[1],
-            gradient: &nothing,
+            appearance: now,
+            gradient: &vec![0.0; CAMERA.pixels()],
             filled: frame.depth.pixels(),
             carried: &vec![BACKGROUND; CAMERA.pixels()],
             significance: 3.5,
         };
         let warp = Warp::Rigid(Motion::from(&Pose::identity()));
-        let earlier =
-            Earlier { appearance: &appearances[0], warp, pixel_sigma: 0.4, shift: 0.0, exposure: 10.0, trust: 1.0 };
-        let mut field = Field::default();
-        field.clear(CAMERA.pixels());
-        scene.compare_earlier(&[earlier], 0, &mut field);
-        field.cues.iter().map(|c| c[Cue::OtherTexture as usize]).sum()
+        let earlier = Earlier { appearance: then, warp, pixel_sigma: 0.4, shift: 0.0, exposure: 10.0, trust: 1.0 };
+        what(&scene, &earlier)
+    }
+
+    /// Evidence of other texture on a wall, `beside` something or not, of which texture and luma were `[texture, luma]` before.
+    fn other_texture(beside: bool, before: [f32; 2], now: [f32; 2]) -> f32 {
+        learn(&wall(beside, now), &wall(beside, before), |scene, earlier| {
+            let mut field = Field::default();
+            field.clear(CAMERA.pixels());
+            scene.compare_earlier(std::slice::from_ref(earlier), 0, &mut field);
+            field.cues.iter().map(|c| c[Cue::OtherTexture as usize]).sum()
+        })
     }
 
     #[test]
@@ -501,34 +508,9 @@ mod tests {
 
     #[test]
     fn the_change_of_exposure_is_that_of_most_pixels() {
-        let mut frame = ViewFrame { gray: Image::filled(40, 30, 117), depth: Image::filled(40, 30, 2.0) };
-        let camera = Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 };
-        frame.gray.pixels_mut()[..400].fill(250);
-        let flat = |value: f32| Image::filled(40, 30, value);
-        let appearance = Appearance {
-            texture: flat(0.0),
-            gray: Image::filled(40, 30, 100),
-            near: flat(2.0),
-            far: flat(2.0),
-            mask: vec![0; camera.pixels()],
-        };
-        let rays: Vec<_> = (0..camera.pixels()).map(|i| camera.ray(i)).collect();
-        let nothing = vec![0.0; camera.pixels()];
-        let scene = Scene {
-            camera: &camera,
-            rays: &rays,
-            noise: &DepthNoise::default(),
-            frame: &frame,
-            appearance: &appearance,
-            gradient: &nothing,
-            filled: frame.depth.pixels(),
-            carried: &vec![BACKGROUND; camera.pixels()],
-            significance: 3.5,
-        };
-        let warp = Warp::Rigid(Motion::from(&Pose::identity()));
-        let earlier =
-            Earlier { appearance: &appearance, warp, pixel_sigma: 0.4, shift: 0.0, exposure: 0.0, trust: 1.0 };
-        assert_eq!(scene.exposure_since(&earlier), 17.0);
+        let mut now = wall(false, [0.0, 117.0]);
+        now.gray.pixels_mut()[..400].fill(250);
+        learn(&now, &wall(false, [0.0, 100.0]), |scene, earlier| assert_eq!(scene.exposure_since(earlier), 17.0));
     }
 
     #[test]
