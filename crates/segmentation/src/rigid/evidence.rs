@@ -199,7 +199,7 @@ pub(crate) fn depth_shift(flow: f32, flow_then: f32) -> f32 {
 /// Time between depth and colour in frames: unsynchronised streams are paired with up to half a frame between them.
 const LAG: f32 = 0.5;
 /// Depth change per pixel and metre of depth beyond which a neighbourhood holds an edge and not a slope.
-const MAX_SLOPE: f32 = 0.02;
+pub(crate) const MAX_SLOPE: f32 = 0.02;
 
 /// Where a depth lies relative to what was seen before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -334,7 +334,7 @@ impl Scene<'_> {
                 self.compare_luma(i, &model[i], offset, field);
                 continue;
             }
-            let certainty = (model[i].hits / SURE_HITS).min(1.0);
+            let certainty = certainty(&model[i]);
             match self.relation(z, [near[i], far[i]], shift) {
                 Relation::Nearer => {
                     field.intruding[i] = certainty;
@@ -360,7 +360,7 @@ impl Scene<'_> {
         if difference > LUMA_TOLERANCE + slip {
             field.insist(i, Cue::OtherLuma, OTHER_LUMA);
         } else {
-            field.observe(i, Cue::SameLuma, SAME_LUMA * (point.hits / SURE_HITS).min(1.0));
+            field.observe(i, Cue::SameLuma, SAME_LUMA * certainty(point));
         }
     }
 
@@ -393,6 +393,11 @@ impl Scene<'_> {
         }
         sum / count
     }
+}
+
+/// How surely a point of the static model is there, 0 to 1.
+fn certainty(point: &ModelPoint) -> f32 {
+    (point.hits / SURE_HITS).min(1.0)
 }
 
 /// Every how many pixels exposure is compared with the static model, …

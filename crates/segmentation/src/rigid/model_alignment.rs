@@ -7,6 +7,8 @@
 use nalgebra::{SMatrix, SVector, Vector6};
 use pfd_geometry::{DepthNoise, Pose, pose};
 
+use super::evidence::MAX_SLOPE;
+use super::regions::neighbours;
 use super::static_model::ModelPoint;
 use super::view::{Motion, Pinhole, ViewFrame};
 
@@ -28,8 +30,6 @@ const ALIKE: f64 = 10.0;
 const LUMA_SIGMA: f32 = 6.0;
 /// Squared normalised residual at which a point has a quarter of its weight (Geman-McClure): the 99 % quantile.
 const SCALE: f32 = 6.6;
-/// Depth change per pixel and metre of depth beyond which a neighbourhood holds an edge and not a slope.
-const MAX_SLOPE: f32 = 0.02;
 /// Depth difference, relative to depth, from which a pixel shows another surface.
 const OTHER_SURFACE: f32 = 0.05;
 /// Points nearer than this, metres, are not compared.
@@ -48,6 +48,28 @@ pub(crate) struct Alignment<'a> {
     pub(crate) shift: f32,
 }
 
+/// Where the frame should show a point.
+struct Place {
+    /// In the frame's camera frame, metres.
+    point: [f32; 3],
+    /// The nearest pixel, …
+    pixel: usize,
+    /// … how far from it, pixels, …
+    offset: [f32; 2],
+    /// … and those left, right, above and below.
+    around: [usize; 4],
+}
+
+impl Place {
+    /// Value there of an image, and its slope per pixel.
+    fn interpolate(&self, image: impl Fn(usize) -> f32) -> (f32, [f32; 2]) {
+        let [left, right, above, below] = self.around.map(&image);
+        let slope = [(right - left) / 2.0, (below - above) / 2.0];
+        (image(self.pixel) + slope[0] * self.offset[0] + slope[1] * self.offset[1], slope)
+    }
+}
+
+/// Left and right side of the normal equations.
 type Normal = (SMatrix<f64, UNKNOWNS, UNKNOWNS>, SVector<f64, UNKNOWNS>);
 
 impl Alignment<'_> {
@@ -82,10 +104,11 @@ impl Alignment<'_> {
             if q[2] < MIN_Z {
                 continue;
             }
-            let pixel = self.camera.project(q);
-            let Some(i) = self.camera.nearest(pixel).filter(|&i| !moves(i) && self.shows(i, q[2])) else { continue };
-            self.add_depth(&mut normal, i, pixel, q);
-            self.add_luma(&mut normal, i, (pixel, q), point.gray + exposure as f32);
+            let place = self.place(q).filter(|p| !moves(p.pixel) && self.shows(p.pixel, q[2]));
+            if let Some(place) = place {
+                self.add_depth(&mut normal, &place);
+                self.add_luma(&mut normal, &place, point.gray + exposure as f32);
+            }
         }
         let (hessian, gradient) = &mut normal;
         *hessian /= ALIKE;
@@ -106,39 +129,38 @@ impl Alignment<'_> {
         measured <= 0.0 || (measured - z).abs() < OTHER_SURFACE * z
     }
 
-    /// The neighbours left and right, above and below, unless the pixel lies at the border.
-    fn neighbours(&self, i: usize) -> Option<[usize; 4]> {
-        let (width, u, v) = (self.camera.width, i % self.camera.width, i / self.camera.width);
-        let inside = u > 0 && v > 0 && u + 1 < width && v + 1 < self.camera.height;
-        inside.then(|| [i - 1, i + 1, i - width, i + width])
-    }
-
-    fn add_depth(&self, normal: &mut Normal, i: usize, [x, y]: [f32; 2], q: [f32; 3]) {
+    fn add_depth(&self, normal: &mut Normal, place: &Place) {
         let depth = self.frame.depth.pixels();
-        let Some(around) = self.neighbours(i) else { return };
-        let [left, right, above, below] = around.map(|j| depth[j]);
-        let limit = MAX_SLOPE * depth[i];
-        if [left, right, above, below].into_iter().any(|z| z <= 0.0 || (z - depth[i]).abs() > limit) {
+        let limit = MAX_SLOPE * depth[place.pixel];
+        if place.around.iter().any(|&j| depth[j] <= 0.0 || (depth[j] - depth[place.pixel]).abs() > limit) {
             return;
         }
-        let slope = [(right - left) / 2.0, (below - above) / 2.0];
-        let (du, dv) = (x - (i % self.camera.width) as f32, y - (i / self.camera.width) as f32);
-        let residual = depth[i] + slope[0] * du + slope[1] * dv - q[2];
-        let sigma = std::f32::consts::SQRT_2 * self.noise.sigma(f64::from(q[2])) as f32
+        let (value, slope) = place.interpolate(|j| depth[j]);
+        let z = place.point[2];
+        let sigma = std::f32::consts::SQRT_2 * self.noise.sigma(f64::from(z)) as f32
             + (self.pixel_sigma + self.shift) * length(slope);
-        let along = [0.0, 0.0, -1.0];
-        add(normal, residual / sigma, self.derivative(slope, along, q).map(|d| d / sigma), 0.0);
+        let by_motion = self.derivative(slope, [0.0, 0.0, -1.0], place.point);
+        add(normal, (value - z) / sigma, by_motion.map(|d| d / sigma), 0.0);
     }
 
-    fn add_luma(&self, normal: &mut Normal, i: usize, ([x, y], q): ([f32; 2], [f32; 3]), expected: f32) {
+    fn add_luma(&self, normal: &mut Normal, place: &Place, expected: f32) {
         let gray = self.frame.gray.pixels();
-        let Some(around) = self.neighbours(i) else { return };
-        let [left, right, above, below] = around.map(|j| f32::from(gray[j]));
-        let slope = [(right - left) / 2.0, (below - above) / 2.0];
-        let (du, dv) = (x - (i % self.camera.width) as f32, y - (i / self.camera.width) as f32);
-        let residual = f32::from(gray[i]) + slope[0] * du + slope[1] * dv - expected;
+        let (value, slope) = place.interpolate(|j| f32::from(gray[j]));
         let sigma = length([LUMA_SIGMA, self.pixel_sigma * length(slope)]);
-        add(normal, residual / sigma, self.derivative(slope, [0.0; 3], q).map(|d| d / sigma), -1.0 / sigma);
+        let by_motion = self.derivative(slope, [0.0; 3], place.point);
+        add(normal, (value - expected) / sigma, by_motion.map(|d| d / sigma), -1.0 / sigma);
+    }
+
+    /// Where the frame should show a point in its camera frame, unless that is at the border.
+    fn place(&self, point: [f32; 3]) -> Option<Place> {
+        let Pinhole { width, height, .. } = *self.camera;
+        let [x, y] = self.camera.project(point);
+        let pixel = self.camera.nearest([x, y])?;
+        let [Some(left), Some(right), Some(above), Some(below)] = neighbours((width, height), pixel) else {
+            return None;
+        };
+        let offset = [x - (pixel % width) as f32, y - (pixel / width) as f32];
+        Some(Place { point, pixel, offset, around: [left, right, above, below] })
     }
 
     /// Derivative of an image value at the projection of `q`, plus `along` · `q`, by a left perturbation (translation first) of the
