@@ -4,8 +4,12 @@ use pfd_ros::SyncCounters;
 use pfd_ros::diagnostics::{Level, TopicReport, status};
 use pfd_ros::messages::diagnostic::DiagnosticStatus;
 
-/// A topic that was silent this long (seconds) has stopped.
-const SILENT_AFTER: f64 = 2.0;
+/// A topic that was silent for so many of its periods, …
+const SILENT_PERIODS: f64 = 3.0;
+/// … and for this long (seconds), has stopped.
+const SILENT_AFTER: f64 = 0.5;
+/// Time set back more often than this in a second is no bag that loops: two clocks are at work.
+const MAX_RESETS: u64 = 2;
 
 /// A topic with those who publish it.
 #[derive(Clone, Debug)]
@@ -31,8 +35,33 @@ pub struct CameraHealth {
     pub tolerance: f64,
     /// Frames replaced by newer ones.
     pub dropped: u64,
-    /// Pairs and drops since the last look.
-    pub lately: (u64, u64),
+    /// What happened since the last look.
+    pub lately: Lately,
+}
+
+/// What happened to colour images in the last second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Lately {
+    /// Paired with depth.
+    pub pairs: u64,
+    /// Left without depth.
+    pub unpaired: u64,
+    /// How often time was set back.
+    pub resets: u64,
+    /// Pairs that were replaced by newer ones.
+    pub dropped: u64,
+}
+
+impl Lately {
+    /// What was counted since `before`.
+    pub fn between(before: (SyncCounters, u64), now: (SyncCounters, u64)) -> Self {
+        Self {
+            pairs: now.0.pairs - before.0.pairs,
+            unpaired: now.0.first_unpaired - before.0.first_unpaired,
+            resets: now.0.resets - before.0.resets,
+            dropped: now.1 - before.1,
+        }
+    }
 }
 
 impl CameraHealth {
@@ -77,19 +106,16 @@ impl CameraHealth {
         if !self.camera_known {
             return (Level::Error, "camera_info is received but describes no usable camera: see the log".into());
         }
-        let unmatched = self.counters.pairs == 0 && self.counters.first_unpaired > 0;
-        if unmatched {
-            let offset = self.offset.unwrap_or(f64::NAN);
-            let tolerance = self.tolerance;
-            let remedy = "raise sync_tolerance, or check that both come from the same camera and clock";
-            return (
-                Level::Error,
-                format!("rgb and depth stamps differ by {offset:.4} s, tolerance {tolerance} s: {remedy}"),
-            );
+        if self.lately.resets > MAX_RESETS {
+            let remedy = "look for a second publisher of these topics, or a camera whose clock jumps";
+            return (Level::Error, format!("time was set back {} times in a second: {remedy}", self.lately.resets));
+        }
+        if self.lately.pairs == 0 && self.lately.unpaired > 0 {
+            return (Level::Error, self.mismatch());
         }
         match self.lately {
-            (_, 0) => (Level::Ok, "receiving".into()),
-            (pairs, dropped) => (
+            Lately { dropped: 0, .. } => (Level::Ok, "receiving".into()),
+            Lately { pairs, dropped, .. } => (
                 Level::Warn,
                 format!(
                     "{dropped} of the last {pairs} frames were dropped: they come faster than they are worked on; lower the \
@@ -98,13 +124,20 @@ impl CameraHealth {
             ),
         }
     }
+
+    /// Why colour and depth do not pair.
+    fn mismatch(&self) -> String {
+        let offset = self.offset.map_or("an unknown time".into(), |offset| format!("{offset:.4} s"));
+        let remedy = "raise sync_tolerance, or check that both come from the same camera and clock";
+        format!("rgb and depth stamps differ by {offset}, tolerance {} s: {remedy}", self.tolerance)
+    }
 }
 
 fn silence(topic: &TopicHealth) -> Option<String> {
     let r = &topic.report;
     let name = &r.topic;
     match r.age {
-        Some(age) if age < SILENT_AFTER => None,
+        Some(age) if age < SILENT_AFTER.max(SILENT_PERIODS * r.period.unwrap_or(0.0)) => None,
         _ if topic.publishers == 0 => Some(format!(
             "did not receive data on {name}: nobody publishes it; check the camera driver, ROS_DOMAIN_ID, parameter `network` \
              and the name (remap with -r)"
@@ -123,7 +156,7 @@ mod tests {
     use super::*;
 
     fn topic(name: &str, age: Option<f64>, publishers: usize) -> TopicHealth {
-        let report = TopicReport { topic: name.into(), received: 1, refused: 0, rate: 30.0, age };
+        let report = TopicReport { topic: name.into(), received: 1, refused: 0, rate: 30.0, period: Some(1.0 / 30.0), age };
         TopicHealth { report, publishers }
     }
 
@@ -136,7 +169,7 @@ mod tests {
             offset: None,
             tolerance: 0.02,
             dropped: 0,
-            lately: (30, 0),
+            lately: Lately { pairs: 30, ..Lately::default() },
         }
     }
 
@@ -152,11 +185,25 @@ mod tests {
         let stopped = health(vec![topic("/rgb", Some(9.0), 1), live("/depth"), live("/info")]);
         assert!(stopped.verdict().1.contains("silent for 9.0 s"));
         let mut skewed = health(vec![live("/rgb"), live("/depth"), live("/info")]);
-        skewed.counters = SyncCounters { first_unpaired: 4, ..SyncCounters::default() };
+        skewed.lately = Lately { unpaired: 4, ..Lately::default() };
         skewed.offset = Some(0.033);
         assert!(skewed.verdict().1.contains("differ by 0.0330 s"));
         assert_eq!(skewed.status("n").level, 2);
-        let slow = CameraHealth { lately: (30, 4), ..good };
+        let slow = CameraHealth { lately: Lately { pairs: 30, dropped: 4, ..Lately::default() }, ..good.clone() };
         assert!(slow.verdict().0 == Level::Warn && slow.verdict().1.starts_with("4 of the last 30 frames"));
+        let jumping = CameraHealth { lately: Lately { resets: 30, ..Lately::default() }, ..good };
+        assert!(jumping.verdict().1.contains("set back 30 times"));
+    }
+
+    #[test]
+    fn a_topic_is_silent_by_its_own_rate() {
+        let with = |age, period| {
+            let mut slow = topic("/rgb", Some(age), 1);
+            slow.report.period = period;
+            silence(&slow).is_some()
+        };
+        assert_eq!([0.1, 0.6].map(|age| with(age, Some(0.033))), [false, true]);
+        assert_eq!([0.6, 2.9, 3.1].map(|age| with(age, Some(1.0))), [false, false, true]);
+        assert!(with(0.6, None), "a single message has no period");
     }
 }

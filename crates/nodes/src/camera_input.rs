@@ -2,7 +2,6 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
 
 use pfd_geometry::{Camera, DepthImage, FrameError, RgbImage, RgbdFrame, Stamp};
 use pfd_parameters::{NodeConfig, Queue};
@@ -74,8 +73,6 @@ impl DepthMessage {
 pub struct RawFrame {
     colour: ColourMessage,
     depth: DepthMessage,
-    /// When the second of the two arrived.
-    pub received: Instant,
     /// The camera that took it.
     pub camera: Camera,
 }
@@ -137,10 +134,10 @@ pub struct CameraInput {
 struct State {
     synchronizer: Synchronizer<ColourMessage, DepthMessage>,
     camera: Option<Camera>,
-    pending: VecDeque<(ColourMessage, DepthMessage, Instant)>,
+    pending: VecDeque<(ColourMessage, DepthMessage)>,
     pending_dropped: u64,
-    /// Pairs and drops at the last look of the diagnostics.
-    last_look: (u64, u64),
+    /// Counters and drops at the last look of the diagnostics.
+    last_look: (SyncCounters, u64),
     statistics: Vec<TopicStatistics>,
     graph: Option<Graph>,
     complaints: Throttle,
@@ -154,7 +151,7 @@ impl CameraInput {
             camera: fixed_camera,
             pending: VecDeque::new(),
             pending_dropped: 0,
-            last_look: (0, 0),
+            last_look: Default::default(),
             statistics: Vec::new(),
             graph: None,
             complaints: Throttle::default(),
@@ -192,21 +189,6 @@ impl CameraInput {
         Ok(())
     }
 
-    /// The camera, once it is known.
-    pub fn camera(&self) -> Option<Camera> {
-        self.lock().camera
-    }
-
-    /// What was paired and what was not.
-    pub fn counters(&self) -> SyncCounters {
-        self.lock().synchronizer.counters()
-    }
-
-    /// Frames that were replaced by newer ones before they were worked on.
-    pub fn dropped(&self) -> u64 {
-        self.slot.dropped() + self.lock().pending_dropped
-    }
-
     fn add_colour(&self, message: ColourMessage) {
         let mut state = self.lock();
         let pairs = state.synchronizer.add_first(message.header().stamp.into(), message);
@@ -239,8 +221,7 @@ impl CameraInput {
 
     /// Hands pairs to the worker, or keeps them until the camera is known.
     fn hand_over(&self, state: &mut State, pairs: Vec<(ColourMessage, DepthMessage)>) {
-        let now = Instant::now();
-        state.pending.extend(pairs.into_iter().map(|(colour, depth)| (colour, depth, now)));
+        state.pending.extend(pairs);
         let Some(camera) = state.camera else {
             let capacity = if self.config.queue == Queue::All { MAX_PENDING } else { 1 };
             while state.pending.len() > capacity {
@@ -249,15 +230,15 @@ impl CameraInput {
             }
             return;
         };
-        for (colour, depth, received) in state.pending.drain(..) {
-            self.slot.put(RawFrame { colour, depth, received, camera });
+        for (colour, depth) in state.pending.drain(..) {
+            self.slot.put(RawFrame { colour, depth, camera });
         }
     }
 
     /// State of the camera's topics: what comes, what does not, and why.
     pub fn diagnostics(&self, node: &str) -> Vec<DiagnosticStatus> {
         let mut state = self.lock();
-        let counted = (state.synchronizer.counters().pairs, self.slot.dropped() + state.pending_dropped);
+        let counted = (state.synchronizer.counters(), self.slot.dropped() + state.pending_dropped);
         let before = std::mem::replace(&mut state.last_look, counted);
         let publishers = |topic: &str| state.graph.as_ref().map_or(0, |graph| graph.publishers(topic));
         let topics: Vec<_> = state
@@ -272,11 +253,11 @@ impl CameraInput {
         let health = camera_health::CameraHealth {
             topics,
             camera_known: state.camera.is_some(),
-            counters: state.synchronizer.counters(),
+            counters: counted.0,
             offset: state.synchronizer.last_offset(),
             tolerance: self.config.sync_tolerance,
             dropped: counted.1,
-            lately: (counted.0 - before.0, counted.1 - before.1),
+            lately: camera_health::Lately::between(before, counted),
         };
         drop(state);
         vec![health.status(node)]

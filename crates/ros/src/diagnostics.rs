@@ -28,6 +28,9 @@ pub fn array(header: Header, status: Vec<DiagnosticStatus>) -> DiagnosticArray {
     DiagnosticArray { header, status }
 }
 
+/// Share of the newest gap in the smoothed time between messages.
+const SMOOTHING: f64 = 0.1;
+
 /// Counts the messages of a topic. Clones share the counters.
 #[derive(Clone, Debug)]
 pub struct TopicStatistics {
@@ -40,6 +43,8 @@ struct Counters {
     received: u64,
     refused: u64,
     last: Option<Instant>,
+    /// Smoothed time between two messages, seconds.
+    period: Option<f64>,
     since: Instant,
     since_count: u64,
 }
@@ -55,6 +60,8 @@ pub struct TopicReport {
     pub refused: u64,
     /// Messages a second since the last report.
     pub rate: f64,
+    /// Time between two messages, seconds, smoothed over some ten of them.
+    pub period: Option<f64>,
     /// Seconds since the last message.
     pub age: Option<f64>,
 }
@@ -62,7 +69,7 @@ pub struct TopicReport {
 impl TopicStatistics {
     /// Counters at zero for a topic (full name).
     pub fn new(topic: String) -> Self {
-        let counters = Counters { received: 0, refused: 0, last: None, since: Instant::now(), since_count: 0 };
+        let counters = Counters { received: 0, refused: 0, last: None, period: None, since: Instant::now(), since_count: 0 };
         Self { topic, shared: Arc::new(Mutex::new(counters)) }
     }
 
@@ -76,7 +83,10 @@ impl TopicStatistics {
         self.with(|c| {
             c.received += 1;
             c.since_count += 1;
-            c.last = Some(Instant::now());
+            let now = Instant::now();
+            if let Some(gap) = c.last.replace(now).map(|last| (now - last).as_secs_f64()) {
+                c.period = Some(c.period.map_or(gap, |period| period + SMOOTHING * (gap - period)));
+            }
         });
     }
 
@@ -92,7 +102,7 @@ impl TopicStatistics {
             let rate = if elapsed > 0.0 { c.since_count as f64 / elapsed } else { 0.0 };
             (c.since, c.since_count) = (Instant::now(), 0);
             let age = c.last.map(|last| last.elapsed().as_secs_f64());
-            TopicReport { topic: self.topic.clone(), received: c.received, refused: c.refused, rate, age }
+            TopicReport { topic: self.topic.clone(), received: c.received, refused: c.refused, rate, period: c.period, age }
         })
     }
 

@@ -8,6 +8,9 @@ use pfd_geometry::Stamp;
 const MAX_WAITING: usize = 30;
 /// A stamp that lies this much (seconds) behind the newest one means that time was set back: a new recording, a bag that loops.
 const RESET_AFTER: f64 = 1.0;
+/// Indices of the two topics.
+const FIRST: usize = 0;
+const SECOND: usize = 1;
 
 /// What happened to messages that found no partner.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -34,8 +37,8 @@ pub struct Synchronizer<A, B> {
     first: BTreeMap<Stamp, A>,
     second: BTreeMap<Stamp, B>,
     last_pair: Option<Stamp>,
-    newest: Option<Stamp>,
-    newest_second: Option<Stamp>,
+    /// Newest stamp of each topic. Time is set back within a topic: a topic that lags behind the other one is merely late.
+    newest: [Option<Stamp>; 2],
     /// Time between the last two messages of the second topic, nanoseconds.
     second_period: Option<u64>,
     /// Stamp offset (second minus first, seconds) of the last pair, or of the last near miss.
@@ -51,8 +54,7 @@ impl<A, B> Synchronizer<A, B> {
             first: BTreeMap::new(),
             second: BTreeMap::new(),
             last_pair: None,
-            newest: None,
-            newest_second: None,
+            newest: [None; 2],
             second_period: None,
             last_offset: None,
             counters: SyncCounters::default(),
@@ -71,7 +73,7 @@ impl<A, B> Synchronizer<A, B> {
 
     /// Adds a message of the first topic; returns the pairs that are now certain.
     pub fn add_first(&mut self, stamp: Stamp, message: A) -> Vec<(A, B)> {
-        self.notice(stamp);
+        self.notice(FIRST, stamp);
         if self.last_pair.is_some_and(|last| stamp <= last) {
             self.counters.late += 1;
             return Vec::new();
@@ -82,16 +84,16 @@ impl<A, B> Synchronizer<A, B> {
         if self.first.len() > MAX_WAITING {
             self.first.pop_first();
             self.counters.first_unpaired += 1;
+            self.last_offset = self.newest[SECOND].map(|second| second.seconds_since(stamp)).or(self.last_offset);
         }
         self.pairs()
     }
 
     /// Adds a message of the second topic; returns the pairs that are now certain.
     pub fn add_second(&mut self, stamp: Stamp, message: B) -> Vec<(A, B)> {
-        self.notice(stamp);
-        let gap = self.newest_second.map(|last| stamp.as_nanos().saturating_sub(last.as_nanos()));
+        let last = self.notice(SECOND, stamp);
+        let gap = last.map(|last| stamp.as_nanos().saturating_sub(last.as_nanos()));
         self.second_period = gap.and_then(|gap| u64::try_from(gap).ok()).filter(|&gap| gap > 0).or(self.second_period);
-        self.newest_second = self.newest_second.max(Some(stamp));
         if self.second.insert(stamp, message).is_some() {
             self.counters.duplicates += 1;
         }
@@ -102,15 +104,17 @@ impl<A, B> Synchronizer<A, B> {
         self.pairs()
     }
 
-    /// Starts over when time was set back.
-    fn notice(&mut self, stamp: Stamp) {
-        if self.newest.is_some_and(|newest| newest.seconds_since(stamp) > RESET_AFTER) {
+    /// Starts over when time was set back. Returns the newest stamp of the topic before this one.
+    fn notice(&mut self, topic: usize, stamp: Stamp) -> Option<Stamp> {
+        if self.newest[topic].is_some_and(|newest| newest.seconds_since(stamp) > RESET_AFTER) {
             self.first.clear();
             self.second.clear();
-            (self.last_pair, self.newest, self.newest_second, self.second_period) = (None, None, None, None);
+            (self.last_pair, self.newest, self.second_period) = (None, [None; 2], None);
             self.counters.resets += 1;
         }
-        self.newest = self.newest.max(Some(stamp));
+        let before = self.newest[topic];
+        self.newest[topic] = before.max(Some(stamp));
+        before
     }
 
     fn pairs(&mut self) -> Vec<(A, B)> {
@@ -140,13 +144,16 @@ impl<A, B> Synchronizer<A, B> {
         let distance = |s: Stamp| s.as_nanos().abs_diff(stamp.as_nanos());
         let before = self.second.range(..stamp).next_back().map(|(&s, _)| s);
         let after = self.second.range(stamp..).next().map(|(&s, _)| s);
-        // Until a later one is there a nearer one may still come, unless it is not due yet.
-        let is_certain = |before: Stamp| self.second_period.is_some_and(|period| 2 * distance(before) < period);
+        let is_partner = |s: Stamp| distance(s) <= self.tolerance.unsigned_abs();
+        // Until a later one is there a nearer one may still come, unless it is not due yet. After a loss the last gap is no period, but
+        // then what came before it is no partner either.
+        let is_due_later = |before: Stamp| self.second_period.is_some_and(|period| 2 * distance(before) < period);
+        let is_certain = |before: Stamp| is_partner(before) && is_due_later(before);
         if after.is_none() && !before.is_some_and(is_certain) {
             return None;
         }
         let nearest = before.into_iter().chain(after).min_by_key(|&s| distance(s))?;
-        if distance(nearest) <= self.tolerance.unsigned_abs() {
+        if is_partner(nearest) {
             return Some((stamp, Some(nearest)));
         }
         self.last_offset = Some(nearest.seconds_since(stamp));
@@ -198,6 +205,33 @@ mod tests {
         assert_eq!(sync.add_second(at(100), 1), []);
         assert_eq!(sync.counters().first_unpaired, 1);
         assert!((sync.last_offset().unwrap() - 0.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_topic_that_lags_behind_is_late_and_not_set_back() {
+        for lag in [-5000, 5000] {
+            let mut sync = Synchronizer::new(0.02);
+            for ms in (10_000..13_000).step_by(33) {
+                assert_eq!(sync.add_first(at(ms), ()), []);
+                assert_eq!(sync.add_second(at(ms + lag), ()), []);
+            }
+            assert_eq!(sync.counters().resets, 0);
+            assert!(sync.counters().first_unpaired > 30, "{lag} ms: {:?}", sync.counters());
+            // As far as a message still waits from which it can be told.
+            let offset = sync.last_offset().unwrap();
+            assert!((offset - lag as f64 * 1e-3).abs() < 1.1, "{offset} s");
+        }
+    }
+
+    #[test]
+    fn after_a_loss_a_partner_is_waited_for() {
+        let mut sync = Synchronizer::new(0.02);
+        for ms in [0, 33, 99] {
+            sync.add_first(at(ms), ms);
+            sync.add_second(at(ms), ms);
+        }
+        assert_eq!(sync.add_first(at(132), 132), [], "33 ms after a gap of 66");
+        assert_eq!(sync.add_second(at(132), 132), [(132, 132)]);
     }
 
     #[test]
