@@ -89,6 +89,10 @@ class Peer:
         future.add_done_callback(lambda _: done.set())
         return future.result() if done.wait(timeout) else None
 
+    def trigger(self, name):
+        response = self.call(Trigger, name, Trigger.Request())
+        return response is not None and response.success
+
     def set(self, name, **value):
         parameter = Parameter(name=name, value=ParameterValue(**value))
         response = self.call(SetParameters, "set_parameters", SetParameters.Request(parameters=[parameter]))
@@ -114,8 +118,8 @@ class Peer:
         a["set_good"] = self.set("mask_timeout", type=double, double_value=0.3)
         a["set_running"] = self.set("segmentation.particles.count", type=integer, integer_value=700)
         a["set_bad"] = self.set("mask_timeout", type=double, double_value=-1.0)
-        a["pause"] = bool(self.call(Trigger, "pause", Trigger.Request()))
-        a["resume"] = bool(self.call(Trigger, "resume", Trigger.Request()))
+        a["pause"] = self.trigger("pause")
+        a["resume"] = self.trigger("resume")
         a["sim_time"] = self.set("use_sim_time", type=boolean, bool_value=True)
         for _ in range(30):
             message = Clock()

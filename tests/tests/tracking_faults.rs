@@ -160,18 +160,33 @@ fn a_mask_that_covers_nearly_everything_does_not_keep_a_lost_camera_lost() {
     assert!(states[..10].contains(&TrackingState::Relocalized), "{states:?}");
 }
 
-#[test]
-fn odometry_goes_on_from_where_it_is_after_a_reset() {
+/// How far odometry jumps when the map begins anew at frame 31, and the first pose in it.
+fn jump_of_odometry(begin_anew: impl FnOnce(&mut Tracker)) -> (f64, Option<pfd_geometry::Pose>) {
     let mut run = Run::new();
     run.play(0..30);
     let (frame, mask) = (run.frame(30), run.mask(30));
     let before = run.track(&frame, Some(&mask)).T_odom_camera.unwrap();
     assert!(before.translation.vector.norm() > 0.05, "the camera has moved");
-    run.tracker.reset();
+    begin_anew(&mut run.tracker);
     let (frame, mask) = (run.frame(31), run.mask(31));
     let after = run.track(&frame, Some(&mask));
-    let jump = pose::log(&(before.inverse() * after.T_odom_camera.unwrap())).norm();
-    assert!(jump < 1e-9 && after.T_world_camera == Some(pfd_geometry::Pose::identity()), "{jump}");
+    (pose::log(&(before.inverse() * after.T_odom_camera.unwrap())).norm(), after.T_world_camera)
+}
+
+#[test]
+fn odometry_goes_on_from_where_it_is_after_a_reset() {
+    let (jump, pose) = jump_of_odometry(Tracker::reset);
+    assert!(jump < 1e-9 && pose == Some(pfd_geometry::Pose::identity()), "{jump}");
+}
+
+#[test]
+fn odometry_goes_on_from_where_it_is_with_another_camera() {
+    let camera = Sequence::open(&bundled_sequence()).unwrap().camera().unwrap();
+    let other = pfd_geometry::Camera { fx: camera.fx + 1.0, ..camera };
+    let (jump, pose) = jump_of_odometry(|tracker| {
+        *tracker = Tracker::new(other, &TrackingConfig::default(), 0).unwrap().continuing(tracker);
+    });
+    assert!(jump < 1e-9 && pose == Some(pfd_geometry::Pose::identity()), "{jump}");
 }
 
 /// Frame `index` of a resting camera before which a textured board has been carried `steps` frames long, and the mask of the board.

@@ -156,7 +156,8 @@ mod tests {
     use super::*;
 
     fn topic(name: &str, age: Option<f64>, publishers: usize) -> TopicHealth {
-        let report = TopicReport { topic: name.into(), received: 1, refused: 0, rate: 30.0, period: Some(1.0 / 30.0), age };
+        let report =
+            TopicReport { topic: name.into(), received: 1, refused: 0, rate: 30.0, period: Some(1.0 / 30.0), age };
         TopicHealth { report, publishers }
     }
 

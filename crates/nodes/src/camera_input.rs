@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use pfd_geometry::{Camera, DepthImage, FrameError, RgbImage, RgbdFrame, Stamp};
 use pfd_parameters::{NodeConfig, Queue};
@@ -73,6 +74,8 @@ impl DepthMessage {
 pub struct RawFrame {
     colour: ColourMessage,
     depth: DepthMessage,
+    /// When the second of the two arrived, or the camera became known.
+    pub received: Instant,
     /// The camera that took it.
     pub camera: Camera,
 }
@@ -206,7 +209,7 @@ impl CameraInput {
             return;
         }
         let mut state = self.lock();
-        match camera_from_info(info) {
+        match camera_from_info(info, self.config.rectified) {
             Ok(camera) => {
                 state.camera = Some(camera);
                 self.hand_over(&mut state, Vec::new());
@@ -230,8 +233,9 @@ impl CameraInput {
             }
             return;
         };
+        let received = Instant::now();
         for (colour, depth) in state.pending.drain(..) {
-            self.slot.put(RawFrame { colour, depth, camera });
+            self.slot.put(RawFrame { colour, depth, received, camera });
         }
     }
 

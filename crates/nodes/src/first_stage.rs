@@ -53,7 +53,8 @@ impl Processor for FirstStage {
         }
         // A frame that cannot be used goes on as well: tracking says on its topics what became of it.
         let work = self.segment(&raw).map(|(frame, segmented)| (frame, Some(segmented)));
-        let job = TrackingJob { stamp: raw.stamp(), frame_id: raw.frame_id().to_owned(), work };
+        let (stamp, frame_id, received) = (raw.stamp(), raw.frame_id().to_owned(), raw.received);
+        let job = TrackingJob { stamp, frame_id, received, work };
         self.next.as_ref().is_some_and(|next| next.send(job).is_ok()).then_some(()).context("tracking has ended")
     }
 

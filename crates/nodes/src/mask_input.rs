@@ -51,13 +51,27 @@ impl MaskInput {
         Ok(())
     }
 
-    /// The mask of the image with `stamp`; waits up to `timeout` (longer when nothing is to be lost) if somebody publishes masks.
-    pub fn take(&self, stamp: Stamp, timeout: Duration) -> Taken {
+    /// The mask of the image with `stamp` that arrived at `received`; waits until `timeout` (longer when nothing is to be lost) after that
+    /// if masks are [expected](Self::are_expected).
+    pub fn take(&self, stamp: Stamp, received: Instant, timeout: Duration) -> Taken {
         let timeout = if self.queue == Queue::All { timeout.max(LOSSLESS_TIMEOUT) } else { timeout };
         let started = *self.started.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
-        let patience =
-            if self.is_published() { timeout } else { timeout.min(DISCOVERY.saturating_sub(started.elapsed())) };
-        self.masks.take(stamp, patience)
+        let is_published = self.is_published();
+        let deadline = match is_published {
+            true if self.masks.is_silent() => received,
+            true => received + timeout,
+            false => (received + timeout).min(started + DISCOVERY),
+        };
+        let taken = self.masks.take(stamp, deadline);
+        if is_published && taken == Taken::Missing {
+            self.masks.miss();
+        }
+        taken
+    }
+
+    /// Whether somebody publishes masks and has not fallen silent: a publisher that was killed is known to discovery for almost a minute.
+    pub fn are_expected(&self) -> bool {
+        self.is_published() && !self.masks.is_silent()
     }
 
     /// Whether somebody publishes masks.
@@ -66,14 +80,19 @@ impl MaskInput {
         source.as_ref().is_some_and(|(graph, topic)| graph.publishers(topic) > 0)
     }
 
-    /// Forgets all masks, and whom they come from.
-    pub fn clear(&self) {
-        self.masks.clear();
+    /// Stamp of the newest mask that came.
+    pub fn newest(&self) -> Option<Stamp> {
+        self.masks.newest()
+    }
+
+    /// No mask will come any more: whoever waits for one goes on, and whom they came from is forgotten.
+    pub fn close(&self) {
+        self.masks.close();
         *self.source.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
-    /// Forgets all masks: time was set back.
-    pub fn restart(&self) {
-        self.masks.clear();
+    /// Time was set back to `stamp`: forgets the masks from before.
+    pub fn restart(&self, stamp: Stamp) {
+        self.masks.restart(stamp);
     }
 }

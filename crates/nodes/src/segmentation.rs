@@ -140,8 +140,10 @@ pub fn run(args: &Arguments, names: Names) -> anyhow::Result<()> {
         node_diagnostics::attach(node, input.clone(), vec![("segmentation", health.clone())])?;
         input.attach(node)
     });
-    output.clear();
+    // What waits is worked off, and its masks published: a tracking node may wait for them.
     input.slot.close();
-    worker.finish()?;
+    let finished = worker.finish();
+    output.clear();
+    finished?;
     Ok(result?)
 }

@@ -2,7 +2,6 @@
 //!
 //! The two differ in where the mask comes from: another node, or the segmentation in the same process.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -14,7 +13,7 @@ use pfd_ros::messages::geometry::TfMessage;
 use pfd_ros::messages::pfd::{FilePath, FilePathRequest, FilePathResponse};
 use pfd_ros::messages::standard::{Trigger, TriggerResponse};
 use pfd_ros::{Arguments, Names, Node, Qos, RosError, StaticTransforms};
-use pfd_tracking::Tracker;
+use pfd_tracking::{Tracker, map_file};
 
 use crate::camera_input::frames;
 use crate::first_stage::FirstStage;
@@ -47,10 +46,11 @@ impl Kind {
         }
     }
 
-    /// How many frames of a live camera may wait. Tracking has those at hand whose masks are being made.
+    /// How many frames of a live camera may wait. Tracking has those at hand whose masks are being made: a mask is of use only while its
+    /// image is there. Those whose masks have come do not pile up, see [`SlamProcessor`].
     fn waiting(self) -> usize {
-        /// At 30 Hz, for masks that take up to 130 ms.
-        const BEHIND_MASKS: usize = 4;
+        /// At 30 Hz for half a second, at 60 Hz for a quarter.
+        const BEHIND_MASKS: usize = 16;
         match self {
             Self::Tracking => BEHIND_MASKS,
             Self::Composed => NEWEST,
@@ -69,7 +69,7 @@ pub struct Shared {
     pub paused: AtomicBool,
     /// How often everything was to be forgotten.
     pub resets: AtomicU64,
-    /// A map to be loaded once the camera is known.
+    /// The map that was asked for: to be loaded with the first frame, and again where another camera needs another tracker.
     wanted_map: Mutex<Option<PathBuf>>,
 }
 
@@ -79,32 +79,44 @@ impl Shared {
         self.tracker.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The map to load into a new tracker, once.
-    pub fn take_wanted_map(&self) -> Option<PathBuf> {
-        self.wanted_map.lock().unwrap_or_else(PoisonError::into_inner).take()
+    /// The map to load into a new tracker.
+    pub fn wanted_map(&self) -> Option<PathBuf> {
+        self.wanted_map.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Loads a map now, or with the first frame if there was none yet.
-    fn load_map(&self, path: &Path) -> anyhow::Result<()> {
+    /// Asks for a map, or for none any more.
+    pub fn want_map(&self, path: Option<PathBuf>) {
+        *self.wanted_map.lock().unwrap_or_else(PoisonError::into_inner) = path;
+    }
+
+    /// Loads a map now, or with the first frame if there was none yet. Returns what to say of it.
+    fn load_map(&self, path: &Path) -> anyhow::Result<String> {
         // Held to the end: no tracker is made in between.
         let mut tracker = self.tracker();
-        if let Some(tracker) = tracker.as_mut() {
-            return Ok(tracker.load_map(path)?);
-        }
-        File::open(path).with_context(|| path.display().to_string())?;
-        *self.wanted_map.lock().unwrap_or_else(PoisonError::into_inner) = Some(path.to_owned());
-        Ok(())
+        let said = match tracker.as_mut() {
+            Some(tracker) => {
+                tracker.load_map(path)?;
+                path.display().to_string()
+            }
+            None => {
+                map_file::check(path)?;
+                format!("{}: will be loaded with the first frame", path.display())
+            }
+        };
+        self.want_map(Some(path.to_owned()));
+        Ok(said)
     }
 
     fn reset(&self) -> &'static str {
         self.resets.fetch_add(1, Ordering::Relaxed);
-        match self.tracker().as_mut() {
-            Some(tracker) => {
-                tracker.reset();
-                "the map is empty again"
-            }
-            None => "there is no map yet",
+        let mut tracker = self.tracker();
+        let Some(tracker) = tracker.as_mut() else { return "there is no map yet" };
+        tracker.reset();
+        if tracker.map().keyframe_count() > 0 {
+            return "the camera is looked for in the map that was loaded";
         }
+        self.want_map(None);
+        "the map is empty again"
     }
 }
 
@@ -143,15 +155,17 @@ pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
         node_diagnostics::attach(node, input.clone(), works.clone())?;
         input.attach(node)
     });
-    masks.clear();
+    masks.close();
     input.slot.close();
-    let finished = workers.into_iter().try_for_each(Worker::finish);
+    // All of them, whatever became of the first.
+    let finished: Vec<anyhow::Result<()>> = workers.into_iter().map(Worker::finish).collect();
     outlets.tracks.clear();
     outlets.masks.clear();
-    finished?;
+    // Before errors are returned: a mask that could not be written is no reason to lose the trajectory as well.
     if let (Some(path), Some(tracker)) = (named(&start.config.trajectory_file), shared.tracker().as_ref()) {
         save_trajectory(&path, &tracker.trajectory()).context("trajectory_file")?;
     }
+    finished.into_iter().collect::<anyhow::Result<()>>()?;
     Ok(result?)
 }
 
@@ -170,8 +184,13 @@ fn start_workers(
     let health = Health::default();
     let tools = start.tools(&health);
     let recorder = start.recorder()?;
-    let parts =
-        Parts { shared: shared.clone(), masks: masks.clone(), tracks: outlets.tracks.clone(), health: health.clone() };
+    let parts = Parts {
+        shared: shared.clone(),
+        input: start.input.clone(),
+        masks: masks.clone(),
+        tracks: outlets.tracks.clone(),
+        health: health.clone(),
+    };
     let tracking = SlamProcessor::new(kind, start.settings.clone(), parts, recorder);
     let mut next = frames(&start.input);
     if kind == Kind::Tracking {
@@ -218,11 +237,17 @@ fn attach_services(node: &mut Node, shared: &Arc<Shared>) -> Result<(), RosError
     })?;
     let s = shared.clone();
     node.serve::<FilePath>("~/save_trajectory", move |r| {
-        answer(&r, |path| save_trajectory(Path::new(path), &ask(&s, Tracker::trajectory)?))
+        answer(&r, |path| {
+            save_trajectory(Path::new(path), &ask(&s, Tracker::trajectory)?)?;
+            Ok(path.to_owned())
+        })
     })?;
     let s = shared.clone();
     node.serve::<FilePath>("~/save_map", move |r| {
-        answer(&r, |path| Ok(ask(&s, Tracker::snapshot)?.save(Path::new(path))?))
+        answer(&r, |path| {
+            ask(&s, Tracker::snapshot)?.save(Path::new(path))?;
+            Ok(path.to_owned())
+        })
     })?;
     let s = shared.clone();
     node.serve::<FilePath>("~/load_map", move |r| answer(&r, |path| s.load_map(Path::new(path))))
@@ -232,12 +257,13 @@ fn done(message: &str) -> TriggerResponse {
     TriggerResponse { success: true, message: message.to_owned() }
 }
 
-fn answer(request: &FilePathRequest, action: impl FnOnce(&str) -> anyhow::Result<()>) -> FilePathResponse {
+/// Does something with the file that is named; `action` returns what to say of it.
+fn answer(request: &FilePathRequest, action: impl FnOnce(&str) -> anyhow::Result<String>) -> FilePathResponse {
     if request.path.is_empty() {
         return FilePathResponse { success: false, message: "the path is empty".into() };
     }
     match action(&request.path) {
-        Ok(()) => FilePathResponse { success: true, message: request.path.clone() },
+        Ok(message) => FilePathResponse { success: true, message },
         Err(error) => FilePathResponse { success: false, message: format!("{error:#}") },
     }
 }
@@ -252,12 +278,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_waits_for_the_camera_and_must_be_there() {
+    fn a_map_waits_for_the_camera_and_must_be_one() {
         let shared = Shared::default();
         assert!(shared.load_map(Path::new("/none.map")).unwrap_err().to_string().contains("/none.map"));
-        let file = tempfile::NamedTempFile::new().unwrap();
-        shared.load_map(file.path()).unwrap();
-        assert_eq!(shared.take_wanted_map().as_deref(), Some(file.path()));
-        assert_eq!(shared.take_wanted_map(), None, "once");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.map");
+        std::fs::write(&path, "no map").unwrap();
+        assert!(shared.load_map(&path).unwrap_err().to_string().contains("not a map"));
+        assert_eq!(shared.wanted_map(), None);
+        let camera = pfd_geometry::Camera::new((64, 48), [60.0, 60.0, 31.5, 23.5], Default::default()).unwrap();
+        Tracker::new(camera, &Default::default(), 0).unwrap().snapshot().save(&path).unwrap();
+        assert!(shared.load_map(&path).unwrap().contains("first frame"));
+        assert_eq!(shared.wanted_map().as_deref(), Some(path.as_path()));
+        shared.want_map(None);
+        assert_eq!(shared.wanted_map(), None);
     }
 }

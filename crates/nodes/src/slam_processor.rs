@@ -13,12 +13,12 @@ use pfd_ros::diagnostics::Level;
 use pfd_segmentation::{Mode, Segmentation};
 use pfd_tracking::{TrackedFrame, Tracker, TrackingState};
 
-use crate::camera_input::RawFrame;
+use crate::camera_input::{CameraInput, RawFrame};
 use crate::mask_box::Taken;
 use crate::mask_input::MaskInput;
 use crate::outlet::Outlet;
 use crate::recorder::{FrameRecord, Recorder};
-use crate::settings::{LiveSettings, is_set_back};
+use crate::settings::{LiveSettings, Settings, is_set_back};
 use crate::slam::{Kind, Shared};
 use crate::tracking_output::{FrameNames, TrackingOutput};
 use crate::worker::{Frame, Health, Job, Processor};
@@ -32,6 +32,8 @@ pub struct TrackingJob {
     pub stamp: Stamp,
     /// Frame of the colour image.
     pub frame_id: String,
+    /// When it arrived.
+    pub received: Instant,
     /// The images with what moves in them, where that was found in this process; or why there are none.
     pub work: anyhow::Result<(Frame, Option<Segmented>)>,
 }
@@ -40,7 +42,7 @@ impl TrackingJob {
     /// A frame whose mask comes from another node.
     pub fn from_messages(raw: &RawFrame) -> Self {
         let work = Frame::decode(raw).map(|frame| (frame, None)).map_err(anyhow::Error::from);
-        Self { stamp: raw.stamp(), frame_id: raw.frame_id().to_owned(), work }
+        Self { stamp: raw.stamp(), frame_id: raw.frame_id().to_owned(), received: raw.received, work }
     }
 }
 
@@ -80,6 +82,8 @@ impl Outcome {
 pub struct Parts {
     /// Tracker and switches.
     pub shared: Arc<Shared>,
+    /// Where frames wait.
+    pub input: Arc<CameraInput>,
     /// Masks of another node.
     pub masks: Arc<MaskInput>,
     /// Publishers.
@@ -134,24 +138,21 @@ impl SlamProcessor {
         let stamp = frame.images.stamp();
         let mut tracker = self.parts.shared.tracker();
         if tracker.is_none() || self.camera != Some(frame.camera) {
-            if tracker.is_some() {
-                tracing::warn!("the camera's size or calibration changed: starting a new map");
-            }
             let mut new = Tracker::new(frame.camera, &slam.tracking, slam.seed)?;
-            if let Some(path) = self.parts.shared.take_wanted_map() {
-                new.load_map(&path).with_context(|| format!("~/load_map {}", path.display()))?;
-                tracing::info!("map {} loaded", path.display());
+            if let Some(old) = tracker.as_ref() {
+                tracing::warn!("the camera's size or calibration changed: starting a new map");
+                new = new.continuing(old);
             }
             // A live camera does not wait; a recording is to give the same in every run.
             new.set_waiting(queue == Queue::All);
-            *tracker = Some(new);
             self.camera = Some(frame.camera);
+            load_wanted_map(&self.parts.shared, tracker.insert(new))?;
         }
         if self.last_stamp.replace(stamp).is_some_and(|last| is_set_back(last, stamp)) {
             tracing::warn!("time was set back to {stamp}: starting anew");
             tracker.as_mut().into_iter().for_each(Tracker::reset);
-            self.names = FrameNames::default();
-            self.parts.masks.restart();
+            self.names = self.names.restarted();
+            self.parts.masks.restart(stamp);
         }
         Ok(())
     }
@@ -175,39 +176,59 @@ impl SlamProcessor {
         Ok((tracked, (locating + start.elapsed()).as_secs_f64() * 1e3))
     }
 
-    fn work(&mut self, frame: &Frame, segmented: Option<Segmented>) -> anyhow::Result<()> {
+    fn work(&mut self, frame: &Frame, received: Instant, segmented: Option<Segmented>) -> anyhow::Result<()> {
         let settings = self.settings.get();
         self.prepare(frame, &settings.slam, settings.node.queue)?;
-        let Received::Track(received) = self.mask(frame.images.stamp(), &settings.node, settings.slam.mode) else {
-            return Ok(());
-        };
+        let Received::Track(received) = self.mask(frame.images.stamp(), received, &settings) else { return Ok(()) };
         let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
         let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here), &settings.node)?;
         let outcome = Outcome { segmented, tracked, tracking_ms };
-        let mask = received.as_ref().or(outcome.segmented.as_ref().map(|s| &s.segmentation.mask));
-        self.publish(frame, &outcome, mask, &settings.node);
+        let made_here = outcome.segmented.as_ref().map(|s| &s.segmentation.mask);
+        let mask = received.as_ref().or(made_here);
+        let looked_for = mask.filter(|_| settings.slam.mode != Mode::None);
+        self.publish(frame, &outcome, looked_for, &settings.node);
         self.report(&outcome, mask);
         self.record(&outcome, mask);
         Ok(())
     }
 
-    /// The mask from the other node. A live camera's frame that segmentation passed over is passed over here as well: so both work
-    /// on the same frames, and what moves stays out of the map.
-    fn mask(&mut self, stamp: Stamp, config: &NodeConfig, mode: Mode) -> Received {
-        if self.kind == Kind::Composed || mode == Mode::None {
+    /// The mask from the other node, for a frame that arrived at `received`. A live camera's frame that segmentation passed over is
+    /// passed over here as well: so both work on the same frames, and what moves stays out of the map.
+    fn mask(&mut self, stamp: Stamp, received: Instant, settings: &Settings) -> Received {
+        if self.kind == Kind::Composed {
             return Received::Track(None);
         }
-        match self.parts.masks.take(stamp, Duration::from_secs_f64(config.mask_timeout)) {
-            Taken::Mask(mask) => Received::Track(Some(mask)),
-            Taken::PassedOver if config.queue == Queue::Newest => {
-                self.passed_over += 1;
-                Received::PassOver
-            }
-            Taken::PassedOver | Taken::Missing => {
+        let is_live = settings.node.queue == Queue::Newest;
+        let timeout = Duration::from_secs_f64(settings.node.mask_timeout);
+        let wants_masks = settings.slam.mode != Mode::None;
+        let taken = wants_masks.then(|| self.parts.masks.take(stamp, received, timeout));
+        match taken {
+            Some(Taken::Closed) => Received::PassOver,
+            Some(Taken::PassedOver) if is_live => self.pass_over(),
+            _ if is_live && self.is_behind(timeout, wants_masks) => self.pass_over(),
+            Some(Taken::Mask(mask)) => Received::Track(Some(mask)),
+            Some(Taken::PassedOver | Taken::Missing) => {
                 self.complain_about_mask(stamp);
                 Received::Track(None)
             }
+            None => Received::Track(None),
         }
+    }
+
+    fn pass_over(&mut self) -> Received {
+        self.passed_over += 1;
+        Received::PassOver
+    }
+
+    /// Whether more frames wait for tracking than it may lag behind. A frame whose mask is still being made waits for that.
+    fn is_behind(&self, timeout: Duration, wants_masks: bool) -> bool {
+        /// A bundle adjustment or a keyframe may hold tracking up for so many frames.
+        const MAX_BEHIND: usize = 4;
+        let masks = &self.parts.masks;
+        let (are_expected, newest) = (wants_masks && masks.are_expected(), masks.newest());
+        let waits_for_mask =
+            |raw: &RawFrame| newest.is_none_or(|n| raw.stamp() > n) && raw.received.elapsed() < timeout;
+        self.parts.input.slot.count(|raw| !(are_expected && waits_for_mask(raw))) >= MAX_BEHIND
     }
 
     /// Without a mask tracking goes on and says so.
@@ -223,7 +244,7 @@ impl SlamProcessor {
         let Some(output) = self.parts.tracks.get() else { return };
         {
             let transforms = self.parts.shared.transforms.lock().unwrap_or_else(PoisonError::into_inner);
-            self.names.update(&transforms, camera_frame, config);
+            self.names.update(&transforms, camera_frame, config, Instant::now());
         }
         output.publish_pose(&mut self.names, tracked, config);
     }
@@ -270,7 +291,8 @@ impl SlamProcessor {
                 "in a new part of the map, whose place with respect to the rest is a guess until the camera shows both";
             (level, message) = (Level::Warn, format!("{}, {apart}", t.state));
         }
-        if mask.is_none() && self.kind == Kind::Tracking && level == Level::Ok {
+        let wants_masks = self.kind == Kind::Tracking && self.settings.get().slam.mode != Mode::None;
+        if mask.is_none() && wants_masks && level == Level::Ok {
             (level, message) = (Level::Warn, format!("{}, without masks", t.state));
         }
         let mut values = vec![
@@ -279,11 +301,22 @@ impl SlamProcessor {
             ("keyframes", t.keyframes.to_string()),
             ("map points", t.map_points.to_string()),
             ("frames without a mask", self.missing_masks.to_string()),
-            ("frames that segmentation passed over", self.passed_over.to_string()),
+            ("frames passed over", self.passed_over.to_string()),
         ];
         values.extend(t.timing.0.iter().map(|(stage, ms)| (*stage, format!("{ms:.2} ms"))));
         self.parts.health.report(level, message, values);
     }
+}
+
+/// Loads the map that was asked for. One that cannot be loaded is not asked for again.
+fn load_wanted_map(shared: &Shared, tracker: &mut Tracker) -> anyhow::Result<()> {
+    let Some(path) = shared.wanted_map() else { return Ok(()) };
+    if let Err(error) = tracker.load_map(&path) {
+        shared.want_map(None);
+        return Err(error).with_context(|| format!("~/load_map {}", path.display()));
+    }
+    tracing::info!("map {} loaded", path.display());
+    Ok(())
 }
 
 impl Processor for SlamProcessor {
@@ -294,7 +327,7 @@ impl Processor for SlamProcessor {
             self.parts.health.report(Level::Warn, "paused".into(), Vec::new());
             return Ok(());
         }
-        let result = job.work.and_then(|(frame, segmented)| self.work(&frame, segmented));
+        let result = job.work.and_then(|(frame, segmented)| self.work(&frame, job.received, segmented));
         if result.is_err()
             && let Some(output) = self.parts.tracks.get()
         {

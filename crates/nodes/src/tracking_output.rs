@@ -5,6 +5,8 @@
 //! that its image is upright. REP-105: `map → odom` takes up the corrections, `odom → base` is continuous.
 #![allow(non_snake_case)]
 
+use std::time::{Duration, Instant};
+
 use pfd_geometry::{Camera, Mask, Pose, Stamp};
 use pfd_parameters::NodeConfig;
 use pfd_ros::convert::map::{cloud, keyframe_markers};
@@ -29,29 +31,57 @@ const DEPTH: i32 = 10;
 /// Messages kept of `/tf`, as tf2 does.
 const TF_DEPTH: i32 = 100;
 
+/// `/tf` waits so long after the first frame for `/tf_static` to connect the base frame with the camera. Static transforms come with a
+/// handshake, images without one. A stand-in for the base that is given up a moment later would leave a broken tree behind: whoever
+/// heard that the camera hangs below `odom` has forgotten what `/tf_static` said of it.
+const PATIENCE: Duration = Duration::from_secs(2);
+
 /// Where the robot's base is on the camera, and the map's axes.
 #[derive(Clone, Debug, Default)]
 pub struct FrameNames {
     base: String,
     T_base_camera: Pose,
-    /// Fixed with the first pose.
+    /// Until when the base frame is waited for.
+    deadline: Option<Instant>,
+    /// Whether the base is no longer waited for: it is connected, or something stands in for it.
+    is_settled: bool,
+    /// Fixed once the base is settled.
     T_map_world: Option<Pose>,
-    /// The last pose of the base in the odometry frame.
-    last: Option<Pose>,
+    /// The last pose of the camera in the odometry frame.
+    T_odom_camera: Option<Pose>,
     /// The last correction, which holds while the pose is not known.
     T_map_odom: Pose,
 }
 
 impl FrameNames {
     /// Looks the base up in the static transforms.
-    pub fn update(&mut self, transforms: &StaticTransforms, camera_frame: &str, config: &NodeConfig) {
+    pub fn update(&mut self, transforms: &StaticTransforms, camera_frame: &str, config: &NodeConfig, now: Instant) {
         let named = transforms.lookup(&config.base_frame, camera_frame).map(|pose| (config.base_frame.clone(), pose));
+        let is_connected = named.is_some();
         let root = || transforms.root(camera_frame);
         let (base, pose) = named.or_else(root).unwrap_or_else(|| (camera_frame.to_owned(), Pose::identity()));
+        if self.is_settled && base != self.base {
+            tracing::warn!("`odom` now leads to {base} and no longer to {}: restart what listens to /tf", self.base);
+        }
         (self.base, self.T_base_camera) = (base, pose);
-        let is_optical = self.base == camera_frame;
-        let upright = if is_optical { upright_map() } else { self.T_base_camera };
-        self.T_map_world.get_or_insert(upright);
+        let deadline = *self.deadline.get_or_insert(now + PATIENCE);
+        if !self.is_settled && (is_connected || now >= deadline) {
+            self.is_settled = true;
+            if !is_connected {
+                let wanted = &config.base_frame;
+                tracing::warn!(
+                    "/tf_static does not connect {wanted} (parameter base_frame) with {camera_frame}: {} stands in for it",
+                    self.base
+                );
+            }
+            let is_optical = self.base == camera_frame;
+            self.T_map_world = Some(if is_optical { upright_map() } else { self.T_base_camera });
+        }
+    }
+
+    /// What is known of the frames when time was set back and a new map begins.
+    pub fn restarted(&self) -> Self {
+        Self { deadline: self.deadline, ..Self::default() }
     }
 
     /// Tracker's world to map frame.
@@ -88,7 +118,8 @@ impl TrackingOutput {
         })
     }
 
-    /// `pose`, `odometry`, `/tf`. While the pose is not known `/tf` repeats the last transforms and the others are silent.
+    /// `pose`, `odometry`, `/tf`. While the pose is not known `/tf` repeats the last transforms and the others are silent; while the base
+    /// is waited for `/tf` is silent.
     pub fn publish_pose(&self, names: &mut FrameNames, tracked: &TrackedFrame, config: &NodeConfig) {
         let T_map_world = names.T_map_world();
         if let (Some(T_world_camera), Some(T_odom_camera)) = (tracked.T_world_camera, tracked.T_odom_camera) {
@@ -99,9 +130,11 @@ impl TrackingOutput {
             self.pose.publish(PoseStamped { header, pose: pose_to_message(&T_map_camera) });
             let T_odom_base = T_odom_camera * names.T_base_camera.inverse();
             self.odometry.publish(odometry(names, tracked, &T_odom_base, config));
-            names.last = Some(T_odom_base);
+            names.T_odom_camera = Some(T_odom_camera);
         }
-        if let (true, Some(T_odom_base)) = (config.publish_tf, names.last) {
+        let is_due = config.publish_tf && names.is_settled;
+        if let Some(T_odom_camera) = names.T_odom_camera.filter(|_| is_due) {
+            let T_odom_base = T_odom_camera * names.T_base_camera.inverse();
             self.tf.publish(transforms(names, tracked.stamp, &T_odom_base, config));
         }
     }
@@ -118,7 +151,7 @@ impl TrackingOutput {
             keyframes: t.keyframes,
             map_points: t.map_points,
             is_keyframe: t.is_keyframe,
-            mask_used: mask.is_some(),
+            mask_used: t.mask_used && mask.is_some(),
             mask_fraction: mask.map_or(0.0, |m| m.fraction() as f32),
             segmentation_ms: outcome.segmentation_ms(),
             tracking_ms: outcome.tracking_ms,
@@ -206,19 +239,28 @@ mod tests {
 
     #[test]
     fn the_base_is_the_named_frame_or_the_root_or_the_camera() {
-        let config = NodeConfig::default();
+        let (config, start) = (NodeConfig::default(), Instant::now());
         let mut tree = StaticTransforms::default();
         let mut names = FrameNames::default();
-        names.update(&tree, "optical", &config);
-        assert_eq!((names.base.as_str(), names.T_map_world()), ("optical", upright_map()));
+        names.update(&tree, "optical", &config, start);
+        assert_eq!((names.base.as_str(), names.T_map_world(), names.is_settled), ("optical", upright_map(), false));
         tree.insert("camera_link", "optical", Pose::translation(0.1, 0.0, 0.0));
-        names.update(&tree, "optical", &config);
-        assert_eq!(names.base, "camera_link");
+        names.update(&tree, "optical", &config, start);
+        assert_eq!((names.base.as_str(), names.is_settled), ("camera_link", false), "base_link may still come");
+        let mut late = names.clone();
         tree.insert("base_link", "camera_link", Pose::translation(1.0, 0.0, 0.0));
-        names.update(&tree, "optical", &config);
-        assert_eq!(names.base, "base_link");
+        names.update(&tree, "optical", &config, start);
+        assert_eq!((names.base.as_str(), names.is_settled), ("base_link", true));
         assert!((names.T_base_camera.translation.x - 1.1).abs() < 1e-12);
-        assert_eq!(names.T_map_world(), upright_map(), "the map does not turn while it is in use");
+        assert_eq!(names.T_map_world(), names.T_base_camera);
+        late.update(&StaticTransforms::default(), "optical", &config, start + PATIENCE);
+        assert_eq!((late.base.as_str(), late.is_settled), ("optical", true));
+        late.update(&tree, "optical", &config, start + PATIENCE);
+        assert_eq!(
+            (late.base.as_str(), late.T_map_world()),
+            ("base_link", upright_map()),
+            "the map does not turn in use"
+        );
     }
 
     #[test]
@@ -230,6 +272,7 @@ mod tests {
             T_world_camera: None,
             T_odom_camera: None,
             is_apart: false,
+            mask_used: false,
             covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)),
             twist: Vector6::new(0.0, 0.0, 2.0, 0.0, 0.0, 0.0),
             twist_covariance: nalgebra::Matrix6::from_diagonal(&Vector6::new(4.0, 5.0, 6.0, 0.1, 0.2, 0.3)),

@@ -74,6 +74,8 @@ struct State {
     frames: u64,
     errors: u64,
     last_error: Option<(Instant, String)>,
+    /// When the last frame was done.
+    last_done: Option<Instant>,
     latency: Option<f64>,
     duration_ms: f64,
     level: Option<(Level, String)>,
@@ -89,12 +91,17 @@ impl Health {
         });
     }
 
-    /// The diagnostic status. An error is shown for as long as errors come.
+    /// The diagnostic status. An error is shown for as long as errors come, and what was said of the last frame as long as frames come.
     pub fn status(&self, name: String) -> DiagnosticStatus {
         /// An error older than this (seconds) is over.
         const ERROR_AGE: f64 = 2.0;
+        /// A frame done longer ago than this (seconds) says nothing of the present.
+        const FRAME_AGE: f64 = 1.0;
         let s = self.with(|s| s.clone());
         let (mut level, mut message) = s.level.unwrap_or((Level::Ok, "waiting for frames".into()));
+        if let Some(age) = s.last_done.map(|last| last.elapsed().as_secs_f64()).filter(|age| *age > FRAME_AGE) {
+            (level, message) = (level.max(Level::Warn), format!("no frame for {age:.1} s; before that: {message}"));
+        }
         if let Some((_, error)) = s.last_error.filter(|(when, _)| when.elapsed().as_secs_f64() < ERROR_AGE) {
             (level, message) = (Level::Error, error);
         }
@@ -113,6 +120,7 @@ impl Health {
     fn done(&self, start: Instant, stamp: Stamp, clock: &Clock, error: Option<&anyhow::Error>) {
         self.with(|s| {
             s.frames += 1;
+            s.last_done = Some(Instant::now());
             s.duration_ms = start.elapsed().as_secs_f64() * 1e3;
             s.latency = Some(clock.now().seconds_since(stamp));
             if let Some(error) = error {
@@ -229,6 +237,19 @@ mod tests {
         let value = |key: &str| status.values.iter().find(|v| v.key == key).unwrap().value.clone();
         assert_eq!((value("frames"), value("errors")), ("5".into(), "2".into()));
         assert_eq!(status.message, "3 is odd");
+    }
+
+    #[test]
+    fn what_was_said_of_the_last_frame_does_not_hold_for_ever() {
+        let health = Health::default();
+        health.report(Level::Ok, "tracking".into(), Vec::new());
+        let message = |ago: f64| {
+            health.with(|s| s.last_done = Instant::now().checked_sub(std::time::Duration::from_secs_f64(ago)));
+            let status = health.status("work".into());
+            (status.level, status.message)
+        };
+        assert_eq!(message(0.5), (0, "tracking".into()));
+        assert_eq!(message(3.0), (1, "no frame for 3.0 s; before that: tracking".into()));
     }
 
     #[test]

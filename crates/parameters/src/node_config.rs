@@ -46,7 +46,7 @@ pub struct NodeConfig {
     /// Take the time from `/clock` instead of the system.
     pub use_sim_time: bool,
     /// Networks to talk on: `auto` (what `ROS_AUTOMATIC_DISCOVERY_RANGE` or `ROS_LOCALHOST_ONLY` say, else loopback), `loopback`,
-    /// `subnet` (all interfaces), or IP addresses of interfaces separated by commas.
+    /// `subnet` (all interfaces), or IPv4 addresses of interfaces separated by commas.
     pub network: String,
     /// Topic of the colour images. Names of topics are expanded and remapped like any other.
     pub rgb_topic: String,
@@ -54,6 +54,9 @@ pub struct NodeConfig {
     pub depth_topic: String,
     /// Topic of the colour camera's calibration.
     pub camera_info_topic: String,
+    /// Whether the colour images are rectified (topics named `image_rect…`), and depth is registered to those: of camera_info the
+    /// projection matrix counts then, without distortion.
+    pub rectified: bool,
     /// Reliability with which images and camera_info are subscribed.
     pub qos: Reliability,
     /// Reliability with which `overlay` is published; some viewers ask for `reliable`.
@@ -100,6 +103,7 @@ impl Default for NodeConfig {
             rgb_topic: "rgb/image".into(),
             depth_topic: "depth/image".into(),
             camera_info_topic: "rgb/camera_info".into(),
+            rectified: false,
             qos: Reliability::default(),
             overlay_qos: Reliability::default(),
             queue: Queue::default(),

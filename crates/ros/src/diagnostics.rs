@@ -69,7 +69,8 @@ pub struct TopicReport {
 impl TopicStatistics {
     /// Counters at zero for a topic (full name).
     pub fn new(topic: String) -> Self {
-        let counters = Counters { received: 0, refused: 0, last: None, period: None, since: Instant::now(), since_count: 0 };
+        let counters =
+            Counters { received: 0, refused: 0, last: None, period: None, since: Instant::now(), since_count: 0 };
         Self { topic, shared: Arc::new(Mutex::new(counters)) }
     }
 
@@ -102,7 +103,14 @@ impl TopicStatistics {
             let rate = if elapsed > 0.0 { c.since_count as f64 / elapsed } else { 0.0 };
             (c.since, c.since_count) = (Instant::now(), 0);
             let age = c.last.map(|last| last.elapsed().as_secs_f64());
-            TopicReport { topic: self.topic.clone(), received: c.received, refused: c.refused, rate, period: c.period, age }
+            TopicReport {
+                topic: self.topic.clone(),
+                received: c.received,
+                refused: c.refused,
+                rate,
+                period: c.period,
+                age,
+            }
         })
     }
 

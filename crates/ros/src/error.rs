@@ -40,8 +40,11 @@ pub enum RosError {
         expected: &'static str,
     },
     /// Parameter `network` is neither a keyword nor an address.
-    #[error("parameter `network`: `{0}` is neither auto, loopback, subnet nor a list of IP addresses")]
+    #[error("parameter `network`: `{0}` is neither auto, loopback, subnet nor a list of IPv4 addresses")]
     Network(String),
+    /// Parameter `network` names an address that no interface has.
+    #[error("parameter `network`: no interface of this machine has the address {0}: see `ip address`")]
+    NoInterface(std::net::IpAddr),
     /// Parameters that cannot be used.
     #[error(transparent)]
     Parameters(#[from] pfd_parameters::ParameterError),

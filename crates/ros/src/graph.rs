@@ -26,10 +26,10 @@ pub(crate) struct Endpoint {
     pub(crate) qos: QosPolicies,
 }
 
-/// The last known state of the network.
-#[derive(Clone)]
+/// The last known state of the network. Clones share it; none of them keeps the participant alive, which says goodbye to others when
+/// it is dropped.
+#[derive(Clone, Default)]
 pub struct Graph {
-    participant: DomainParticipant,
     state: Arc<Mutex<State>>,
 }
 
@@ -41,22 +41,18 @@ struct State {
 }
 
 impl Graph {
-    pub(crate) fn new(participant: DomainParticipant) -> Self {
-        Self { participant, state: Arc::default() }
-    }
-
     pub(crate) fn add_own(&self, endpoint: Endpoint) {
         self.lock().ours.push(endpoint);
     }
 
     /// Looks again; returns what is newly found to hinder a connection.
-    pub fn refresh(&self) -> Vec<String> {
-        let readers = self.participant.discovered_readers().into_iter().map(|r| {
+    pub(crate) fn refresh(&self, participant: &DomainParticipant) -> Vec<String> {
+        let readers = participant.discovered_readers().into_iter().map(|r| {
             let data = r.subscription_topic_data;
             let (topic, type_name) = (data.topic_name().clone(), data.type_name().clone());
             Endpoint { side: Side::Subscription, topic, type_name, qos: data.qos() }
         });
-        let writers = self.participant.discovered_writers().into_iter().map(|w| {
+        let writers = participant.discovered_writers().into_iter().map(|w| {
             let data = w.publication_topic_data;
             let qos = data.qos();
             Endpoint { side: Side::Publisher, topic: data.topic_name, type_name: data.type_name, qos }

@@ -1,15 +1,19 @@
 //! Which networks the node talks on, and whether the kernel's buffers are large enough for images.
 
 use std::fmt;
-use std::net::{IpAddr, Ipv4Addr};
+use std::net::{IpAddr, Ipv4Addr, UdpSocket};
 use std::path::Path;
+use std::time::Duration;
 
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 
-use crate::RosError;
+use crate::{RosError, Throttle};
 
 /// Buffers that take a few images; smaller ones lose most of them.
 const NEEDED_BUFFER: u64 = 4 << 20;
+
+/// How often to look whether an interface is back.
+const LOOK_FOR_INTERFACES: Duration = Duration::from_secs(1);
 
 /// Interfaces to use.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,8 +52,34 @@ impl Networks {
             "loopback" => Ok(Self::loopback()),
             "subnet" => Ok(Self::All),
             addresses => {
-                let parsed: Result<Vec<IpAddr>, _> = addresses.split(',').map(|a| a.trim().parse()).collect();
-                parsed.map(Self::Only).map_err(|_| RosError::Network(addresses.to_owned()))
+                // The transport knows IPv4 only.
+                let parsed = addresses.split(',').map(|a| a.trim().parse::<Ipv4Addr>().map(IpAddr::from));
+                parsed.collect::<Result<_, _>>().map(Self::Only).map_err(|_| RosError::Network(addresses.to_owned()))
+            }
+        }
+    }
+
+    /// Whether this machine has the addresses: the middleware would join nothing at all without a word.
+    ///
+    /// # Errors
+    /// [`RosError::NoInterface`] with the first that it does not have.
+    pub(crate) fn check(&self) -> Result<(), RosError> {
+        let Self::Only(addresses) = self else { return Ok(()) };
+        match addresses.iter().find(|address| UdpSocket::bind((**address, 0)).is_err()) {
+            Some(&address) => Err(RosError::NoInterface(address)),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until the addresses are there.
+    pub(crate) async fn available(&self) {
+        let mut ticks = tokio::time::interval(LOOK_FOR_INTERFACES);
+        let mut complaints = Throttle::default();
+        loop {
+            ticks.tick().await;
+            let Err(error) = self.check() else { return };
+            if complaints.pass().is_some() {
+                tracing::warn!("{error}; waiting for it");
             }
         }
     }
@@ -140,7 +170,16 @@ mod tests {
             Networks::Only(vec!["192.168.1.2".parse().unwrap(), "10.0.0.1".parse().unwrap()])
         );
         assert!(choose("wlan0", None).is_err());
+        assert!(choose("::1", None).is_err());
         assert!(choose("auto", Some(("ROS_AUTOMATIC_DISCOVERY_RANGE", "MOON"))).is_err());
+    }
+
+    #[test]
+    fn an_address_that_no_interface_has_is_named() {
+        assert!(Networks::loopback().check().is_ok() && Networks::All.check().is_ok());
+        // Of a block that is reserved for documentation.
+        let elsewhere = choose("127.0.0.1, 192.0.2.7", None).unwrap();
+        assert!(elsewhere.check().unwrap_err().to_string().contains("192.0.2.7"));
     }
 
     #[test]

@@ -39,7 +39,7 @@ impl Node {
         let watchdog = Watchdog::start();
         let participant = network::join(setup.domain, &setup.networks)?;
         let failed = |reason: String| RosError::Participant { domain: setup.domain, reason };
-        let context = Context::from_domain_participant(participant.clone()).map_err(|e| failed(e.to_string()))?;
+        let context = Context::from_domain_participant(participant).map_err(|e| failed(e.to_string()))?;
         let name = setup.names.node();
         let ros_name = ros2_client::NodeName::new(name.namespace(), name.base()).map_err(|e| failed(e.to_string()))?;
         let options = NodeOptions::new().enable_rosout(false).start_parameter_services(false);
@@ -50,7 +50,7 @@ impl Node {
             context,
             names: setup.names.clone(),
             clock: setup.clock.clone(),
-            graph: Graph::new(participant),
+            graph: Graph::default(),
             watchdog,
         })
     }
@@ -152,7 +152,7 @@ impl Node {
             if self.watchdog.is_dead() {
                 return;
             }
-            for obstacle in self.graph.refresh() {
+            for obstacle in self.graph.refresh(&self.context.domain_participant()) {
                 tracing::warn!("{obstacle}");
             }
         }

@@ -41,22 +41,28 @@ pub fn start(args: &Arguments, node_name: &str) -> Result<(), RosError> {
     Ok(())
 }
 
+/// While it lives log messages go to `/rosout` as well. A static is never dropped: without this a node would keep its publisher, and
+/// with it the participant, to the end of the process, and leave without a goodbye.
+#[must_use]
+pub(crate) struct Connection;
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        *ROSOUT.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
+
 /// Connects the log to `/rosout`.
 ///
 /// # Errors
 /// [`RosError`] when the middleware refuses.
-pub(crate) fn connect(node: &mut Node, enabled: bool) -> Result<(), RosError> {
+pub(crate) fn connect(node: &mut Node, enabled: bool) -> Result<Connection, RosError> {
     if enabled {
         let qos = Qos { depth: DEPTH, ..Qos::latched() };
         let publisher = node.publisher("/rosout", qos)?;
         *ROSOUT.lock().unwrap_or_else(PoisonError::into_inner) = Some(publisher);
     }
-    Ok(())
-}
-
-/// Log messages go to the terminal only, until connected again.
-pub(crate) fn disconnect() {
-    *ROSOUT.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    Ok(Connection)
 }
 
 struct RosLayer {
@@ -91,7 +97,7 @@ impl<S: Subscriber> Layer<S> for RosLayer {
     }
 }
 
-/// Skipped while the publisher is busy with another message of this thread: a failure to log cannot be logged.
+/// Skipped while the publisher is busy with another message: if that is of this thread, a failure to log, it could never be logged.
 fn send(log: Log) {
     if let Ok(publisher) = ROSOUT.try_lock()
         && let Some(publisher) = publisher.as_ref()

@@ -11,7 +11,7 @@ use crate::messages::standard::Clock as ClockMessage;
 use crate::network::Networks;
 use crate::{Arguments, Clock, Names, Node, Qos, RosError, network, rosout};
 
-/// Time that an acknowledged goodbye may take on the way out.
+/// Time that service requests under way may take on the way out.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_secs(2);
 /// Threads that move messages; the work is done elsewhere.
 const IO_THREADS: usize = 2;
@@ -78,9 +78,10 @@ async fn live<E: From<RosError>>(
         tracing::warn!("{advice}");
     }
     let mut stop = std::pin::pin!(stop_signal());
+    setup.networks.check()?;
     loop {
         let mut node = Node::open(setup)?;
-        rosout::connect(&mut node, setup.rosout)?;
+        let connection = rosout::connect(&mut node, setup.rosout)?;
         subscribe_clock(&mut node)?;
         attach(&mut node)?;
         tracing::info!("{} on {}, domain {}", setup.names.node(), setup.networks, setup.domain);
@@ -89,7 +90,12 @@ async fn live<E: From<RosError>>(
             () = done.notified() => return Ok(()),
             () = node.supervise() => tracing::warn!("the middleware has stopped, or the process was suspended: joining anew"),
         }
-        rosout::disconnect();
+        drop((connection, node));
+        // After a computer woke up its network may take a while.
+        tokio::select! {
+            () = &mut stop => return Ok(()),
+            () = setup.networks.available() => {}
+        }
     }
 }
 

@@ -59,6 +59,11 @@ impl<T> Slot<T> {
         }
     }
 
+    /// How many of the waiting items are such.
+    pub fn count(&self, is_such: impl Fn(&T) -> bool) -> usize {
+        self.lock().items.iter().filter(|item| is_such(item)).count()
+    }
+
     /// No more items will come: [`Self::take`] returns `None` after the waiting ones.
     pub fn close(&self) {
         self.lock().closed = true;
@@ -84,6 +89,7 @@ mod tests {
     fn newest_wins_and_drops_are_counted() {
         let slot = Slot::new(Queue::Newest, 1);
         (1..=3).for_each(|i| slot.put(i));
+        assert_eq!([slot.count(|i| *i > 2), slot.count(|i| *i < 3)], [1, 0]);
         slot.close();
         assert_eq!((slot.take(), slot.take(), slot.dropped()), (Some(3), None, 2));
     }

@@ -173,19 +173,20 @@ impl MapSnapshot {
     }
 }
 
+/// Whether a file is a map that can be read; with which camera it was recorded is not asked.
+///
+/// # Errors
+/// [`MapFileError`] when the file is no map, of another version, or damaged.
+pub fn check(path: &Path) -> Result<(), MapFileError> {
+    read(path).map(drop)
+}
+
 /// Reads a map that was recorded with `camera`; keyframes in the order of their creation.
 ///
 /// # Errors
 /// [`MapFileError`] when the file is no map, of another version, damaged, of another camera, or made with other features.
 pub fn load(path: &Path, camera: &Camera, config: &TrackingConfig) -> Result<(Map, Vec<KeyframeId>), MapFileError> {
-    let io = |error| MapFileError::Io { path: path.to_owned(), error };
-    let damaged = |what| MapFileError::Damaged { path: path.to_owned(), what };
-    if std::fs::metadata(path).map_err(io)?.len() > MAX_FILE_SIZE {
-        return Err(damaged("larger than any map"));
-    }
-    let bytes = std::fs::read(path).map_err(io)?;
-    let payload = payload(path, &bytes)?;
-    let record: MapRecord = postcard::from_bytes(payload).map_err(|_| damaged("not decodable"))?;
+    let record = read(path)?;
     let (made, wanted) = (&record.maker, Maker::new(camera, config));
     if made.camera != wanted.camera {
         return Err(MapFileError::OtherCamera(path.to_owned()));
@@ -193,7 +194,17 @@ pub fn load(path: &Path, camera: &Camera, config: &TrackingConfig) -> Result<(Ma
     if made.scale != wanted.scale {
         return Err(MapFileError::OtherPyramid { path: path.to_owned(), found: made.scale, wanted: wanted.scale });
     }
-    restore(&record, camera).ok_or_else(|| damaged("inconsistent"))
+    restore(&record, camera).ok_or_else(|| MapFileError::Damaged { path: path.to_owned(), what: "inconsistent" })
+}
+
+fn read(path: &Path) -> Result<MapRecord, MapFileError> {
+    let io = |error| MapFileError::Io { path: path.to_owned(), error };
+    let damaged = |what| MapFileError::Damaged { path: path.to_owned(), what };
+    if std::fs::metadata(path).map_err(io)?.len() > MAX_FILE_SIZE {
+        return Err(damaged("larger than any map"));
+    }
+    let bytes = std::fs::read(path).map_err(io)?;
+    postcard::from_bytes(payload(path, &bytes)?).map_err(|_| damaged("not decodable"))
 }
 
 fn payload<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a [u8], MapFileError> {

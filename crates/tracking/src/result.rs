@@ -68,6 +68,8 @@ pub struct TrackedFrame {
     pub twist: Vector6<f64>,
     /// Covariance of the twist (m²/s², rad²/s²); large while nothing is known of the velocity.
     pub twist_covariance: Matrix6<f64>,
+    /// Whether there was a mask that was not given up.
+    pub mask_used: bool,
     /// Features outside the mask, or all where the mask was given up.
     pub features: u32,
     /// Features that agree with the map.

@@ -109,6 +109,18 @@ impl Tracker {
         })
     }
 
+    /// Lets the odometry go on from where that of `before` is: for a tracker that takes its place.
+    #[must_use]
+    pub fn continuing(self, before: &Self) -> Self {
+        Self { T_odom_start: before.T_odom_now(), ..self }
+    }
+
+    /// Pose of the camera in the odometry frame, the last one that is known.
+    #[allow(non_snake_case)]
+    fn T_odom_now(&self) -> Pose {
+        self.active.as_ref().map_or(self.T_odom_start, |active| *active.motion.T_odom_camera())
+    }
+
     /// Whether a frame waits for a bundle adjustment that is not done when its result is due (the default: every run gives the same).
     /// Otherwise frames go on without it, and the next keyframe comes when it is done.
     pub fn set_waiting(&mut self, waits: bool) {
@@ -281,7 +293,7 @@ impl Tracker {
 
     /// Updates state and motion with the outcome. Without a map, or lost for long, a map starts here.
     fn conclude<'a>(&mut self, candidate: Candidate<'a>, localized: Option<Localized>) -> Located<'a> {
-        let features = candidate.features.len();
+        let (features, mask_used) = (candidate.features.len(), candidate.mask.is_some());
         let localized = localized.map(|found| self.smooth(candidate.frame.stamp(), found));
         let (inliers, covariance) =
             localized.as_ref().map_or((0, Matrix6::from_diagonal_element(FIRST_VARIANCE)), |found| {
@@ -312,6 +324,7 @@ impl Tracker {
             is_apart,
             twist,
             twist_covariance,
+            mask_used,
             features: features as u32,
             inliers: inliers as u32,
             keyframes: map.keyframe_count() as u32,
@@ -537,9 +550,7 @@ impl Tracker {
     /// is. Where nothing is mapped the map that was loaded stays as well, and the camera is looked for in it.
     #[allow(non_snake_case)]
     pub fn reset(&mut self) {
-        if let Some(active) = &self.active {
-            self.T_odom_start = *active.motion.T_odom_camera();
-        }
+        self.T_odom_start = self.T_odom_now();
         self.segment_covariance = Matrix6::zeros();
         if self.config.mapping.enabled {
             self.mapper.clear();

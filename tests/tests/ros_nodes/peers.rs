@@ -89,6 +89,8 @@ fn cyclone_camera_and_transforms() {
     let frames = &report["transforms"];
     assert!(frames["map->odom"].as_u64().unwrap_or(0) > 10, "{report}");
     assert!(frames["odom->camera_link"].as_u64().unwrap_or(0) > 10, "the base comes from /tf_static: {report}");
+    let below_odom = frames.as_object().unwrap().keys().filter(|name| name.starts_with("odom->")).count();
+    assert_eq!(below_odom, 1, "nothing stood in for the base: {report}");
     let mask = report["mask"].as_array().unwrap();
     assert_eq!((&mask[0], &mask[1], &mask[2]), (&640.into(), &480.into(), &"mono8".into()), "{report}");
 }
@@ -108,6 +110,7 @@ fn rclpy_reads_our_own_messages() {
     assert_eq!(report["state"], report["ok"], "{report}");
     assert!(report["features"].as_u64().unwrap() > 0 && report["stages"].as_array().unwrap().len() > 1, "{report}");
     assert!(report["mask_used"] == true && report["boxes_fit"] == true, "{report}");
+    assert!(report["objects"].as_u64().unwrap() > 0, "boxes of what: {report}");
     assert_eq!(report["saved"][0], true, "{report}");
     assert!(std::fs::read_to_string(saved).unwrap().lines().count() > 1, "{report}");
 }

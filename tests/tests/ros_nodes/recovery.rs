@@ -83,7 +83,8 @@ fn a_suspended_segmentation_node_goes_on_and_tracking_does_not_wait_for_it() {
     let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
     // Without `queue: all` tracking gives up on a mask after `mask_timeout`.
     let mut segmentation = slam("segmentation_node", &domain, folder.path());
-    let live = ["--params-file", &crate::support::parameters(), "-p", "queue:=newest"];
+    let frames_file = format!("frames_file:={}", folder.path().join("tracking_node.csv").display());
+    let live = ["--params-file", &crate::support::parameters(), "-p", "queue:=newest", "-p", &frames_file];
     let mut tracking = Node::start("tracking_node", &domain, folder.path(), &live).unwrap();
     let mut replay = impatient_replay(&domain, folder.path(), 2);
     replay.wait_for("frames", PATIENCE).unwrap();
@@ -93,6 +94,11 @@ fn a_suspended_segmentation_node_goes_on_and_tracking_does_not_wait_for_it() {
     assert!(replay.wait(PATIENCE).unwrap().success(), "{}\n{}", replay.log(), tracking.log());
     segmentation.stop("TERM").unwrap();
     tracking.stop("TERM").unwrap();
+    let last_stamp = |file: &str| {
+        let text = std::fs::read_to_string(folder.path().join(file)).unwrap();
+        text.lines().last().unwrap().split(',').next().unwrap().to_owned()
+    };
+    assert_eq!(last_stamp("segmentation_node.csv"), last_stamp("tracking_node.csv"), "segmentation works again");
 }
 
 #[test]
