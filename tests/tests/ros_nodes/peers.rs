@@ -2,6 +2,7 @@
 
 use crate::support::{Node, own_messages, peer_python, replay, run_peer, slam};
 use pfd_tests::domain::Domain;
+use pfd_tests::programs;
 use serde_json::Value;
 
 /// How long the peers' cameras run, seconds.
@@ -93,6 +94,15 @@ fn cyclone_camera_and_transforms() {
     assert_eq!(below_odom, 1, "nothing stood in for the base: {report}");
     let mask = report["mask"].as_array().unwrap();
     assert_eq!((&mask[0], &mask[1], &mask[2]), (&640.into(), &480.into(), &"mono8".into()), "{report}");
+}
+
+#[test]
+fn a_node_that_is_stopped_says_goodbye() {
+    let Some(python) = peer_python("jazzy") else { return };
+    let domain = Domain::reserve().unwrap();
+    let node = programs::binary("slam_node").unwrap();
+    let report = run_peer(&python, "ros_goodbye.py", &domain, &[node.to_str().unwrap()], &[]).unwrap();
+    assert_eq!(report, serde_json::json!({"seen": true, "gone": true, "exit": 0}));
 }
 
 #[test]

@@ -20,6 +20,9 @@ pub enum DDSData {
   DisposeByKey {
     change_kind: ChangeKind,
     key: SerializedPayload,
+    // PATCHED: sent along as inline QoS by writers, because Fast DDS ignores keys
+    // of more than 16 bytes.
+    key_hash: Option<KeyHash>,
   },
   DisposeByKeyHash {
     change_kind: ChangeKind,
@@ -32,7 +35,24 @@ impl DDSData {
     Self::Data { serialized_payload }
   }
   pub fn new_disposed_by_key(change_kind: ChangeKind, key: SerializedPayload) -> Self {
-    Self::DisposeByKey { change_kind, key }
+    Self::DisposeByKey {
+      change_kind,
+      key,
+      key_hash: None,
+    }
+  }
+
+  pub fn with_key_hash(self, hash: KeyHash) -> Self {
+    match self {
+      Self::DisposeByKey {
+        change_kind, key, ..
+      } => Self::DisposeByKey {
+        change_kind,
+        key,
+        key_hash: Some(hash),
+      },
+      other => other,
+    }
   }
 
   pub fn new_disposed_by_key_hash(change_kind: ChangeKind, key_hash: KeyHash) -> Self {

@@ -402,6 +402,8 @@ impl DPEventLoop {
     preparing_to_stop: &mut bool,
   ) -> bool {
     use std::sync::mpsc::TryRecvError;
+    // PATCHED: what was written before the stop is still sent: the goodbye of the participant and its endpoints above all.
+    let mut stopping = false;
     loop {
       match self.stop_poll_receiver.try_recv() {
         Ok(EventLoopCommand::PrepareStop) => {
@@ -410,7 +412,8 @@ impl DPEventLoop {
         }
         Ok(EventLoopCommand::Stop) => {
           info!("Stopping dp_event_loop");
-          return true;
+          stopping = true;
+          break;
         }
         Err(TryRecvError::Empty) => break,
         Err(TryRecvError::Disconnected) => {
@@ -478,7 +481,10 @@ impl DPEventLoop {
       }
       self.message_receiver.notify_data_to_readers(local_readers);
     }
-    false
+    if stopping {
+      self.service_outbound();
+    }
+    stopping
   }
 
   fn drain_timers(&mut self, preparing_to_stop: bool) {

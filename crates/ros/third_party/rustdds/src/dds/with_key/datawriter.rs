@@ -31,7 +31,7 @@ use crate::{
     cache_change::ChangeKind, entity::RTPSEntity, guid::GUID, rpc::SampleIdentity,
     sequence_number::SequenceNumber, time::Timestamp,
   },
-  Keyed, TopicDescription,
+  Key, Keyed, TopicDescription,
 };
 
 // TODO: Move the write options and the builder type to some lower-level module
@@ -826,7 +826,8 @@ where
     let ddsdata = DDSData::new_disposed_by_key(
       ChangeKind::NotAliveDisposed,
       SerializedPayload::new_from_bytes(SA::output_encoding(), send_buffer),
-    );
+    )
+    .with_key_hash(Key::hash_key(key, false));
     let timeout = self.qos().reliable_max_blocking_time().map(|d| d.to_std());
     match self
       .send_buffer
