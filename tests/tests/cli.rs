@@ -3,8 +3,9 @@
 // Tests fail by panicking, and so may their helpers.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Child, Output, Stdio};
 
 use pfd_tests::{bundled_sequence, programs, repository};
 use serde_json::Value;
@@ -216,6 +217,84 @@ fn bench_makes_tables_and_goes_on_where_it_stopped() {
     assert_eq!(std::fs::read_to_string(out.path().join("bench.csv")).unwrap().lines().count(), 5);
     assert_eq!(json(&out.path().join("bench.json")).as_array().unwrap().len(), 4);
     assert!(std::fs::read_to_string(out.path().join("bench.html")).unwrap().contains("What none takes to move"));
+}
+
+/// The bundled sequence's first frames, with camera and true masks.
+fn copy_with_masks(target: &Path, count: usize) {
+    let colour = copy_frames(target, count);
+    std::fs::copy(bundled_sequence().join("calib.yaml"), target.join("calib.yaml")).unwrap();
+    std::fs::create_dir_all(target.join("mask")).unwrap();
+    for file in colour {
+        let name = Path::new("mask").join(Path::new(&file).with_extension("png").file_name().unwrap());
+        std::fs::copy(bundled_sequence().join(&name), target.join(&name)).unwrap();
+    }
+}
+
+#[test]
+fn masks_of_an_earlier_run_do_not_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out, bench) = (folder.path().join("room"), folder.path().join("out"), folder.path().join("bench"));
+    copy_with_masks(&sequence, 5);
+    for frames in ["5", "3"] {
+        let more = ["--max-frames", frames];
+        assert_success(&pfd_slam(
+            &[&["run", text(&sequence), "--out", text(&out), "--save-masks"][..], &more].concat(),
+        ));
+        let bench = ["bench", text(&sequence), "--out", text(&bench), "--modes", "none"];
+        assert_success(&pfd_slam(&[&bench[..], &more].concat()));
+    }
+    let masks = out.join("masks");
+    assert_eq!(std::fs::read_dir(&masks).unwrap().count(), 3);
+    assert_eq!(json(&bench.join("bench.json"))[0]["masks"]["frames"], 3);
+    let same = ["run", text(&sequence), "--out", text(&out), "--save-masks", "--masks", text(&masks)];
+    assert_fails_naming(&pfd_slam(&same), "--masks reads");
+    assert_eq!(std::fs::read_dir(&masks).unwrap().count(), 3);
+}
+
+/// Starts the program and waits until it says how far it is.
+fn start(arguments: &[&str]) -> Child {
+    let mut command = programs::pfd_slam().unwrap();
+    let mut child = command.args(arguments).stderr(Stdio::piped()).spawn().unwrap();
+    let mut line = [0];
+    child.stderr.as_mut().unwrap().read_exact(&mut line).unwrap();
+    child
+}
+
+#[test]
+fn a_run_of_a_bench_that_was_killed_is_not_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    copy_with_masks(&sequence, 40);
+    let bench = ["bench", text(&sequence), "--out", text(&out), "--modes", "none"];
+    let run = out.join("runs/room/none/0");
+    assert_success(&pfd_slam(&[&bench[..], &["--max-frames", "2"]].concat()));
+    assert!(run.join("source.txt").exists());
+    let mut child = start(&bench);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!run.join("source.txt").exists() && !run.join("report.json").exists());
+}
+
+#[test]
+fn a_bench_of_a_sequence_that_changed_is_made_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    copy_with_masks(&sequence, 3);
+    let bench = || {
+        assert_success(&pfd_slam(&["bench", text(&sequence), "--out", text(&out), "--modes", "given"]));
+        out.join("runs/room/given/0/report.json").metadata().unwrap().modified().unwrap()
+    };
+    let mut last = bench();
+    assert_eq!(bench(), last, "a finished run was run again");
+    let calibration = std::fs::read_to_string(sequence.join("calib.yaml")).unwrap();
+    for (name, content) in [("calib.yaml", calibration.replace("5000", "5001")), ("groundtruth.txt", String::new())] {
+        std::fs::write(sequence.join(name), content).unwrap();
+        let now = bench();
+        assert_ne!(now, last, "{name}");
+        last = now;
+    }
+    std::fs::copy(sequence.join("mask/1305031104.175424.png"), sequence.join("mask/0.png")).unwrap();
+    assert_ne!(bench(), last, "the true masks");
 }
 
 #[test]

@@ -4,6 +4,7 @@ mod arguments;
 mod commands;
 mod output;
 mod progress;
+mod provenance;
 mod results;
 mod runner;
 mod setup;

@@ -172,7 +172,7 @@ struct Masks {
 impl Masks {
     fn open(job: &Job<'_>) -> anyhow::Result<Self> {
         if let Some(folder) = &job.save_masks {
-            std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+            prepare(folder, job.given_masks)?;
         }
         Ok(Self { given: job.given_masks.map(images_in).transpose()?, target: job.save_masks.clone() })
     }
@@ -197,6 +197,25 @@ impl Masks {
         image::save_buffer(&path, mask.image().pixels(), width, height, image::ExtendedColorType::L8)
             .with_context(|| path.display().to_string())
     }
+}
+
+/// Makes the folder for masks, without masks of an earlier run: every mask in it is judged and shown as one of this run.
+fn prepare(folder: &Path, given: Option<&Path>) -> anyhow::Result<()> {
+    let named = || folder.display().to_string();
+    std::fs::create_dir_all(folder).with_context(named)?;
+    let is_given = given.is_some_and(|given| given.canonicalize().ok() == folder.canonicalize().ok());
+    anyhow::ensure!(
+        !is_given,
+        "{}: the masks that --masks reads would be replaced by --save-masks: name another --out",
+        folder.display()
+    );
+    for entry in std::fs::read_dir(folder).with_context(named)? {
+        let path = entry.with_context(named)?.path();
+        if path.extension().is_some_and(|extension| extension == "png") {
+            std::fs::remove_file(&path).with_context(|| path.display().to_string())?;
+        }
+    }
+    Ok(())
 }
 
 /// Name of the colour image without its extension.

@@ -20,7 +20,7 @@ use crate::commands::eval_masks;
 use crate::commands::report::samples;
 use crate::progress::Progress;
 use crate::runner::{self, Job};
-use crate::{output, results, setup};
+use crate::{output, provenance, results, setup};
 
 /// Folder of the true masks in a sequence.
 const TRUE_MASKS: &str = "mask";
@@ -91,17 +91,10 @@ impl Plan {
         })
     }
 
-    /// What a run was made from, beside its configuration: the sequence, how it was read, and the program.
-    fn source(&self, cell: Cell<'_>) -> String {
-        // Not the folder: an archive is unpacked into another one each time.
-        let path = cell.sequence.path();
-        let path = path.canonicalize().unwrap_or_else(|_| path.to_owned());
-        let program = std::env::current_exe().and_then(|exe| exe.metadata()).and_then(|data| data.modified()).ok();
-        let built = program.and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok()).unwrap_or_default();
-        let SequenceArguments { depth_offset, one_to_one } = self.reading;
-        let version = env!("CARGO_PKG_VERSION");
-        let path = path.display();
-        format!("{path}\ndepth offset {depth_offset} s, one to one: {one_to_one}\n{version} of {} s\n", built.as_secs())
+    /// What a run is made from, beside its configuration.
+    fn source(&self, cell: Cell<'_>) -> anyhow::Result<String> {
+        let masks = true_masks(cell.sequence);
+        provenance::of(cell.sequence, &self.reading, cell.variant.given_masks.then_some(&masks))
     }
 
     /// All runs; those with true masks only where there are some.
@@ -153,7 +146,8 @@ impl Plan {
         let config = cell.config();
         let folder = self.folder(cell);
         let masks = true_masks(cell.sequence);
-        std::fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let source = self.source(cell)?;
+        prepare(&folder).with_context(|| folder.display().to_string())?;
         let job = Job {
             sequence: cell.sequence,
             camera: setup::camera(&config, cell.sequence)?,
@@ -166,14 +160,14 @@ impl Plan {
         let outcome = runner::run(&job, progress)?;
         let (summary, errors) = results::summarise(&job, &outcome)?;
         results::write(&folder, &summary, &errors, &outcome)?;
-        std::fs::write(folder.join(SOURCE), self.source(cell)).with_context(|| folder.display().to_string())
+        std::fs::write(folder.join(SOURCE), source).with_context(|| folder.display().to_string())
     }
 
     /// Whether the folder holds a run of the same program on the same frames with the same configuration.
     fn is_done(&self, cell: Cell<'_>) -> anyhow::Result<bool> {
         let folder = self.folder(cell);
         let Ok(summary) = Summary::read(&folder.join("report.json")) else { return Ok(false) };
-        if std::fs::read_to_string(folder.join(SOURCE)).ok() != Some(self.source(cell)) {
+        if std::fs::read_to_string(folder.join(SOURCE)).ok() != Some(self.source(cell)?) {
             return Ok(false);
         }
         let frames = cell.sequence.len().min(self.max_frames.unwrap_or(usize::MAX));
@@ -222,6 +216,23 @@ impl Plan {
 impl Cell<'_> {
     fn config(self) -> SlamConfig {
         SlamConfig { seed: self.seed, ..self.variant.config.clone() }
+    }
+}
+
+/// Makes an empty folder for a run.
+fn prepare(folder: &Path) -> std::io::Result<()> {
+    if folder.exists() {
+        // First, so that a run that is interrupted from here on does not count as done.
+        remove_if_there(&folder.join(SOURCE))?;
+        std::fs::remove_dir_all(folder)?;
+    }
+    std::fs::create_dir_all(folder)
+}
+
+fn remove_if_there(file: &Path) -> std::io::Result<()> {
+    match std::fs::remove_file(file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        other => other,
     }
 }
 
