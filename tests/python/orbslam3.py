@@ -27,8 +27,8 @@ Camera1.k2: {5}
 Camera1.p1: {6}
 Camera1.p2: {7}
 Camera1.k3: {8}
-Camera.width: 640
-Camera.height: 480
+Camera.width: {10}
+Camera.height: {11}
 Camera.fps: 30
 Camera.RGB: 0
 Stereo.ThDepth: 40.0
@@ -74,8 +74,9 @@ def start(settings):
 def main():
     sequence, trajectory = map(Path, sys.argv[1:3])
     camera = tum.camera(sequence) or cannot_run(f"{sequence}: the camera is not known")
+    size = tum.size(sequence) or cannot_run(f"{sequence / 'calib.yaml'}: width and height are missing")
     with tempfile.NamedTemporaryFile("w", suffix=".yaml") as settings:
-        settings.write(SETTINGS.format(*camera))
+        settings.write(SETTINGS.format(*camera, *size))
         settings.flush()
         slam = start(settings.name)
     import cv2

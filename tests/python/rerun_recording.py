@@ -19,6 +19,8 @@ ESTIMATE, KEYFRAME = [0, 114, 178], [213, 94, 0]
 STEP = 6
 # Depth beyond it is too noisy to draw, metres.
 FAR = 4.0
+# Steps that take the distortion of a lens out of a pixel to well below what depth is known to.
+UNDISTORT_STEPS = 8
 
 
 def poses(path):
@@ -36,6 +38,18 @@ def rotation_matrix(q):
     ])
 
 
+def undistorted(x, y, distortion):
+    """Normalised coordinates without the lens's distortion k1 k2 p1 p2 k3 (Brown), by fixed-point iteration."""
+    k1, k2, p1, p2, k3 = distortion
+    u, v = x, y
+    for _ in range(UNDISTORT_STEPS):
+        r2 = u * u + v * v
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        tangential_u, tangential_v = 2 * p1 * u * v + p2 * (r2 + 2 * u * u), p1 * (r2 + 2 * v * v) + 2 * p2 * u * v
+        u, v = (x - tangential_u) / radial, (y - tangential_v) / radial
+    return u, v
+
+
 def static_points(colour, depth, mask, camera, pose):
     """Points (world) and colours of what does not move."""
     fx, fy, cx, cy = camera[:4]
@@ -43,7 +57,8 @@ def static_points(colour, depth, mask, camera, pose):
     z = depth[v, u] / camera[9]
     kept = (z > 0) & (z < FAR) & (mask[v, u] == 0)
     u, v, z = u[kept], v[kept], z[kept]
-    points = np.stack([(u - cx) / fx * z, (v - cy) / fy * z, z], axis=1)
+    x, y = undistorted((u - cx) / fx, (v - cy) / fy, camera[4:9])
+    points = np.stack([x * z, y * z, z], axis=1)
     return points @ rotation_matrix(pose[1]).T + pose[0], colour[v, u]
 
 

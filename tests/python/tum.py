@@ -12,14 +12,34 @@ KNOWN = {
 }
 
 
+# Columns and rows of their images.
+KNOWN_SIZE = 640, 480
+
+
+def calibration(sequence):
+    """The keys of calib.yaml with their values; None where there is no such file."""
+    file = sequence / "calib.yaml"
+    if not file.exists():
+        return None
+    pairs = (line.split("#")[0].split(":", 1) for line in file.read_text().splitlines() if ":" in line.split("#")[0])
+    return {key.strip(): value.strip() for key, value in pairs}
+
+
+def size(sequence):
+    """Columns and rows of the images; None where calib.yaml does not state them."""
+    values = calibration(sequence)
+    if values is None:
+        return KNOWN_SIZE
+    sides = [values.get(side, values.get(f"image_{side}")) for side in ("width", "height")]
+    return tuple(map(int, sides)) if all(sides) else None
+
+
 def camera(sequence):
     """fx fy cx cy k1 k2 p1 p2 k3 and the depth factor; None where the camera is not known."""
-    calibration = sequence / "calib.yaml"
-    if not calibration.exists():
+    values = calibration(sequence)
+    if values is None:
         number = re.search(r"(?:freiburg|fr)([123])", sequence.name)
         return KNOWN[number.group(1)] + [5000.0] if number else None
-    pairs = (line.split("#")[0].split(":", 1) for line in calibration.read_text().splitlines() if ":" in line.split("#")[0])
-    values = {key.strip(): value.strip() for key, value in pairs}
     distortion = [float(x) for x in values.get("distortion", "[]").strip("[]").split(",") if x.strip()]
     pinhole = [float(values[key]) for key in ("fx", "fy", "cx", "cy")]
     return pinhole + (distortion + [0.0] * 5)[:5] + [float(values.get("depth_factor", 5000))]

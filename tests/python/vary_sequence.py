@@ -2,7 +2,8 @@
 
 usage: vary_sequence.py SEQUENCE... --out DIR [--only VARIANT ...] [--seed N]
 Each variant is a folder `SEQUENCE+VARIANT` with lists of its own and links to the images and masks of the sequence. What plays backwards
-gets new stamps; colour, depth and ground truth keep their distances in time. No packages are needed.
+gets new stamps; colour, depth and ground truth keep their distances in time. Where colour images come more than once, as in `fro`, each
+time has a link of its own, named by its stamp, and so has its mask. No packages are needed.
 """
 
 import argparse
@@ -77,13 +78,35 @@ def variants(take, rng):
     }
 
 
+def link(path, target):
+    if target.exists() and not path.exists():
+        path.symlink_to(target)
+
+
+def with_own_names(folder, source, rows):
+    """The rows of colour images with a name for each stamp, and the links with these names to images and masks."""
+    for name in filter(lambda name: (source / name).exists(), ("rgb", "mask")):
+        if (folder / name).is_symlink():
+            (folder / name).unlink()
+        (folder / name).mkdir(exist_ok=True)
+    named = []
+    for stamp, (file, *rest) in rows:
+        image, name = source / file, f"{stamp:.6f}"
+        link(folder / "rgb" / f"{name}{image.suffix}", image)
+        link(folder / "mask" / f"{name}.png", source / "mask" / f"{image.stem}.png")
+        named.append((stamp, [f"rgb/{name}{image.suffix}", *rest]))
+    return named
+
+
 def save(folder, source, lists):
     folder.mkdir(parents=True, exist_ok=True)
+    files = [file for _, (file, *_) in lists["rgb"]]
+    if len(set(files)) < len(files):
+        lists = lists | {"rgb": with_own_names(folder, source, lists["rgb"])}
     for name, rows in lists.items():
         write(folder / f"{name}.txt", rows)
     for name in SHARED:
-        if (source / name).exists() and not (folder / name).exists():
-            (folder / name).symlink_to(source / name)
+        link(folder / name, source / name)
 
 
 def main():
