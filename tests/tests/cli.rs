@@ -298,6 +298,39 @@ fn a_bench_of_a_sequence_that_changed_is_made_anew() {
 }
 
 #[test]
+fn a_bench_says_what_it_cannot_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    copy_with_masks(&sequence, 3);
+    let bench = |more: &[&str]| {
+        pfd_slam(&[&["bench", text(&sequence), "--out", text(&out), "--modes", "none"][..], more].concat())
+    };
+    for option in ["--vary", "--set"] {
+        assert_fails_naming(&bench(&[option, "mode=paper"]), "use --modes");
+    }
+    assert_success(&bench(&["--vary", "segmentation.particles.count=500,600"]));
+    assert_eq!(json(&out.join("bench.json")).as_array().unwrap().len(), 3);
+    std::fs::remove_dir_all(sequence.join("mask")).unwrap();
+    let given = pfd_slam(&["bench", text(&sequence), "--out", text(&out), "--modes", "given"]);
+    assert_fails_naming(&given, "SEQUENCE/mask");
+}
+
+#[test]
+fn broken_true_masks_leave_the_other_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    copy_with_masks(&sequence, 3);
+    std::fs::write(sequence.join("mask/1305031104.211283.png"), b"broken").unwrap();
+    let output = pfd_slam(&["bench", text(&sequence), "--out", text(&out), "--modes", "none"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("room none: "));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("mask/1305031104.211283.png"));
+    let runs = json(&out.join("bench.json"));
+    assert_eq!((runs[0]["masks"].clone(), runs[0]["summary"]["frames"].as_u64()), (Value::Null, Some(3)));
+    assert!(out.join("bench.html").exists());
+}
+
+#[test]
 fn a_bench_of_an_archive_goes_on_where_it_stopped() {
     let folder = tempfile::tempdir().unwrap();
     let sequence = folder.path().join("room");

@@ -24,6 +24,8 @@ use crate::{output, provenance, results, setup};
 
 /// Folder of the true masks in a sequence.
 const TRUE_MASKS: &str = "mask";
+/// Parameter that says how moving things are found.
+const MODE: &str = "mode";
 /// File beside each run that says what it was made from.
 const SOURCE: &str = "source.txt";
 
@@ -33,14 +35,18 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
         // Whether it has a place for the summary is said before hours of work.
         check_place(file)?;
     }
-    let failures = plan.execute(arguments.jobs as usize)?;
-    let runs = plan.collect()?;
-    anyhow::ensure!(!runs.is_empty(), "no run succeeded; the first failed with: {}", failures.join("; "));
+    anyhow::ensure!(
+        !plan.cells().is_empty(),
+        "nothing to run: `given` needs true masks in SEQUENCE/{TRUE_MASKS}, and no sequence has this folder"
+    );
+    let mut failures = plan.execute(arguments.jobs as usize)?;
+    let runs = plan.collect(&mut failures)?;
+    anyhow::ensure!(!runs.is_empty(), "no run succeeded: {}", failures.join("; "));
     write(&arguments.out, &plan, &runs)?;
     if let Some(file) = &arguments.into {
         insert_summary(file, &runs, &arguments.about)?;
     }
-    anyhow::ensure!(failures.is_empty(), "{} runs failed: {}", failures.len(), failures.join("; "));
+    anyhow::ensure!(failures.is_empty(), "{} failures: {}", failures.len(), failures.join("; "));
     Ok(())
 }
 
@@ -127,7 +133,7 @@ impl Plan {
         let work = || {
             while let Some(cell) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
                 if let Err(error) = self.run(*cell, &progress) {
-                    let failure = format!("{} {}: {error:#}", cell.sequence.name(), cell.variant.name);
+                    let failure = cell.failure(&error);
                     progress.note(&failure);
                     failures.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(failure);
                 }
@@ -174,14 +180,17 @@ impl Plan {
         Ok(summary.frames + summary.skipped == frames && summary.config == serde_json::to_value(cell.config())?)
     }
 
-    /// The results of all runs that are there.
-    fn collect(&self) -> anyhow::Result<Vec<BenchRun>> {
+    /// The results of all runs that are there. Masks that cannot be judged are noted among the failures.
+    fn collect(&self, failures: &mut Vec<String>) -> anyhow::Result<Vec<BenchRun>> {
         let mut runs = Vec::new();
         for cell in self.cells() {
             if self.is_done(cell)? {
-                let folder = self.folder(cell);
-                let summary = Summary::read(&folder.join("report.json"))?;
-                runs.push(BenchRun { variant: cell.variant.name.clone(), summary, masks: self.mask_quality(cell)? });
+                let summary = Summary::read(&self.folder(cell).join("report.json"))?;
+                let masks = self.mask_quality(cell).unwrap_or_else(|error| {
+                    failures.push(cell.failure(&error));
+                    None
+                });
+                runs.push(BenchRun { variant: cell.variant.name.clone(), summary, masks });
             }
         }
         Ok(runs)
@@ -214,6 +223,11 @@ impl Plan {
 }
 
 impl Cell<'_> {
+    /// One line that names the run.
+    fn failure(self, error: &anyhow::Error) -> String {
+        format!("{} {}: {error:#}", self.sequence.name(), self.variant.name)
+    }
+
     fn config(self) -> SlamConfig {
         SlamConfig { seed: self.seed, ..self.variant.config.clone() }
     }
@@ -254,18 +268,37 @@ fn detail(cell: Cell<'_>, folder: &Path) -> anyhow::Result<Detail> {
 
 /// The modes, then the values to vary (with the first mode).
 fn variants_of(arguments: &BenchArguments) -> anyhow::Result<Vec<Variant>> {
+    let mut named = arguments.config.set.iter().chain(&arguments.vary);
+    anyhow::ensure!(
+        named.all(|(name, _)| name != MODE),
+        "parameter `{MODE}` is the column of a bench, not one of its settings: use --modes"
+    );
     let mut variants = Vec::new();
     for &mode in &arguments.modes {
         variants.push(variant(mode.to_string(), mode, &arguments.config)?);
     }
     for (name, values) in &arguments.vary {
-        for value in values.split(',') {
+        for value in split_values(values) {
             let mut source = arguments.config.clone();
             source.set.push((name.clone(), value.to_owned()));
             variants.push(variant(format!("{name}={value}"), arguments.modes[0], &source)?);
         }
     }
     Ok(variants)
+}
+
+/// The values of a list, separated by commas; those inside brackets belong to a value.
+fn split_values(list: &str) -> Vec<&str> {
+    let mut depth = 0_i32;
+    let is_separator = |c: char| {
+        match c {
+            '[' | '{' => depth += 1,
+            ']' | '}' => depth -= 1,
+            _ => {}
+        }
+        c == ',' && depth == 0
+    };
+    list.split(is_separator).collect()
 }
 
 fn variant(name: String, mode: BenchMode, source: &ConfigSource) -> anyhow::Result<Variant> {
@@ -298,4 +331,16 @@ fn insert_summary(file: &Path, runs: &[BenchRun], about: &str) -> anyhow::Result
     let text = std::fs::read_to_string(file).with_context(named)?;
     let text = bench_summary::insert(&text, &bench_summary::summary(runs, about)).with_context(named)?;
     Ok(pfd_report::error::write(file, text)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn commas_inside_brackets_separate_no_values() {
+        assert_eq!(split_values("500,1000"), ["500", "1000"]);
+        assert_eq!(split_values("[0,0],[1,2],3"), ["[0,0]", "[1,2]", "3"]);
+        assert_eq!(split_values(""), [""]);
+    }
 }
