@@ -39,6 +39,13 @@ fn assert_fails_naming(output: &Output, part: &str) {
     assert!(stderr.contains(part), "{stderr}");
 }
 
+/// As [`assert_fails_naming`] for a run that had begun: its last line names what is at fault.
+fn assert_stops_naming(output: &Output, part: &str) {
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    assert!(stderr.lines().last().is_some_and(|line| line.contains(part)), "{stderr}");
+}
+
 fn json(path: &Path) -> Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
@@ -328,6 +335,61 @@ fn broken_true_masks_leave_the_other_figures() {
     let runs = json(&out.join("bench.json"));
     assert_eq!((runs[0]["masks"].clone(), runs[0]["summary"]["frames"].as_u64()), (Value::Null, Some(3)));
     assert!(out.join("bench.html").exists());
+}
+
+/// Makes an image half as wide.
+fn narrow(path: &Path) {
+    let image = image::open(path).unwrap();
+    image.crop_imm(0, 0, image.width() / 2, image.height()).save(path).unwrap();
+}
+
+#[test]
+fn images_of_another_size_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    copy_with_masks(&sequence, 5);
+    let run = |more: &[&str]| pfd_slam(&[&["run", text(&sequence), "--out", text(&out)][..], more].concat());
+    let masks = sequence.join("mask");
+    narrow(&masks.join("1305031104.175424.png"));
+    let with_masks = run(&["--masks", text(&masks)]);
+    assert_stops_naming(&with_masks, "mask/1305031104.175424.png: the mask is 320x480, its image 640x480");
+    // The second colour image and the depth image nearest in time, which serves the third as well.
+    for file in ["rgb/1305031104.211283.jpg", "depth/1305031104.227247.png"] {
+        narrow(&sequence.join(file));
+    }
+    let output = run(&["--mode", "none"]);
+    assert_success(&output);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("skipped: "));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("rgb/1305031104.211283.jpg: the image is 320x480"));
+    assert_eq!(json(&out.join("report.json"))["skipped"], 2);
+    let calibration = std::fs::read_to_string(sequence.join("calib.yaml")).unwrap();
+    std::fs::write(sequence.join("calib.yaml"), calibration.replace("640", "600")).unwrap();
+    let unfit = run(&[]);
+    assert_fails_naming(&unfit, "rgb/1305031104.175424.jpg: the image is 640x480, and none is 600x480");
+    assert_fails_naming(&unfit, "calib.yaml");
+}
+
+#[test]
+fn images_of_one_name_have_masks_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sequence, out) = (folder.path().join("room"), folder.path().join("out"));
+    copy_with_masks(&sequence, 3);
+    let list = std::fs::read_to_string(sequence.join("rgb.txt")).unwrap();
+    let (first, second) = ("1305031104.175424.jpg", "1305031104.211283.jpg");
+    std::fs::create_dir(sequence.join("other")).unwrap();
+    std::fs::rename(sequence.join("rgb").join(second), sequence.join("other").join(first)).unwrap();
+    let list = list.replace(&format!("rgb/{second}"), &format!("other/{first}"));
+    std::fs::write(sequence.join("rgb.txt"), list).unwrap();
+    let run = ["run", text(&sequence), "--out", text(&out), "--mode", "none"];
+    assert_success(&pfd_slam(&[&run[..], &["--save-masks"]].concat()));
+    let mut names: Vec<_> =
+        std::fs::read_dir(out.join("masks")).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    names.sort();
+    assert_eq!(names[..2], ["1305031104.175424.png", "1305031104.211283.png"]);
+    assert_eq!(names.len(), 3);
+    std::fs::remove_file(sequence.join("mask/1305031104.211283.png")).unwrap();
+    let given = pfd_slam(&[&run[..], &["--masks", text(&sequence.join("mask"))]].concat());
+    assert_stops_naming(&given, "mask/1305031104.211283.png: no mask with this name");
 }
 
 #[test]

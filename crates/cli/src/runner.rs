@@ -1,10 +1,10 @@
 //! Runs the pipeline over a sequence.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use pfd_dataset::{Association, Sequence, images};
+use pfd_dataset::{Association, DatasetError, Sequence, images};
 use pfd_geometry::{Camera, Mask, RgbdFrame, StageTimes, StampedPose};
 use pfd_pipeline::{Pipeline, PipelineOutput, SlamConfig};
 use pfd_report::sample::{overlay, spread};
@@ -12,6 +12,7 @@ use pfd_report::{FrameRow, Sample, Video};
 
 use crate::commands::eval_masks::{images_in, stem};
 use crate::progress::Progress;
+use crate::setup;
 
 /// How many frames a report shows.
 pub(crate) const SAMPLES: usize = 8;
@@ -57,6 +58,7 @@ pub(crate) struct Outcome {
 
 /// Processes every frame.
 pub(crate) fn run(job: &Job<'_>, progress: &Progress) -> anyhow::Result<Outcome> {
+    check_size(job)?;
     let mut pipeline = Pipeline::new(job.camera, job.config)?;
     let masks = Masks::open(job)?;
     let size = (job.camera.width as u32, job.camera.height as u32);
@@ -65,7 +67,8 @@ pub(crate) fn run(job: &Job<'_>, progress: &Progress) -> anyhow::Result<Outcome>
     let mut outcome = Outcome::default();
     for (i, frame) in job.sequence.frames().take(job.frames()).enumerate() {
         progress.step();
-        let frame = match frame {
+        let pair = job.sequence.pair(i);
+        let frame = match frame.and_then(|frame| fitting(job, pair, frame)) {
             Ok(frame) => frame,
             Err(error) if error.concerns_one_frame() => {
                 outcome.skipped += 1;
@@ -74,7 +77,6 @@ pub(crate) fn run(job: &Job<'_>, progress: &Progress) -> anyhow::Result<Outcome>
             }
             Err(error) => return Err(error.into()),
         };
-        let pair = job.sequence.pair(i);
         let output = masks.process(&mut pipeline, &frame, pair)?;
         masks.save(pair, &output.segmentation.mask)?;
         if sampled.contains(&i) {
@@ -95,6 +97,36 @@ pub(crate) fn run(job: &Job<'_>, progress: &Progress) -> anyhow::Result<Outcome>
     outcome.keyframes = tracker.keyframe_trajectory();
     outcome.map_points = tracker.map_points().len();
     Ok(outcome)
+}
+
+/// Refuses a camera that no image fits, before every frame would be skipped.
+fn check_size(job: &Job<'_>) -> anyhow::Result<()> {
+    let camera = (job.camera.width, job.camera.height);
+    let mut other = None;
+    for pair in &job.sequence.pairs()[..job.frames()] {
+        match images::size(&pair.rgb_path) {
+            Ok(size) if size == camera => return Ok(()),
+            Ok(size) => other = other.or(Some((&pair.rgb_path, size))),
+            // Told when its turn comes.
+            Err(_) => {}
+        }
+    }
+    let Some((path, (width, height))) = other else { return Ok(()) };
+    anyhow::bail!(
+        "{}: the image is {width}x{height}, and none is {}x{} as the camera ({})",
+        path.display(),
+        camera.0,
+        camera.1,
+        setup::camera_origin(job.config, job.sequence)
+    )
+}
+
+/// The frame, if it has the size of the camera.
+fn fitting(job: &Job<'_>, pair: &Association, frame: RgbdFrame) -> Result<RgbdFrame, DatasetError> {
+    match frame.check_camera(&job.camera) {
+        Ok(()) => Ok(frame),
+        Err(error) => Err(DatasetError::Frame { path: pair.rgb_path.clone(), error }),
+    }
 }
 
 impl Outcome {
@@ -165,8 +197,10 @@ pub(crate) fn caption(seconds: f64, masked: f64, objects: usize) -> String {
 
 /// Masks that come from files and go to files.
 struct Masks {
-    given: Option<BTreeMap<String, PathBuf>>,
+    given: Option<(PathBuf, BTreeMap<String, PathBuf>)>,
     target: Option<PathBuf>,
+    /// Names that more than one frame's colour image has; masks of these are named by stamp.
+    repeated: BTreeSet<String>,
 }
 
 impl Masks {
@@ -174,7 +208,14 @@ impl Masks {
         if let Some(folder) = &job.save_masks {
             prepare(folder, job.given_masks)?;
         }
-        Ok(Self { given: job.given_masks.map(images_in).transpose()?, target: job.save_masks.clone() })
+        let given = job.given_masks.map(|folder| anyhow::Ok((folder.to_owned(), images_in(folder)?))).transpose()?;
+        Ok(Self { given, target: job.save_masks.clone(), repeated: repeated_stems(job.sequence.pairs()) })
+    }
+
+    /// What the mask of a frame is called: like the colour image, else by the stamp, which no two frames share.
+    fn name(&self, pair: &Association) -> String {
+        let stem = file_stem(pair);
+        if self.repeated.contains(&stem) { pair.rgb_stamp.to_string() } else { stem }
     }
 
     fn process(
@@ -183,15 +224,24 @@ impl Masks {
         frame: &RgbdFrame,
         pair: &Association,
     ) -> anyhow::Result<PipelineOutput> {
-        let Some(given) = &self.given else { return Ok(pipeline.process(frame)?) };
-        let name = file_stem(pair);
-        let path = given.get(&name).with_context(|| format!("{name}.png: no mask with this name in --masks"))?;
-        Ok(pipeline.process_with_mask(frame, &Mask::from_image(images::read_gray(path)?))?)
+        let Some((folder, given)) = &self.given else { return Ok(pipeline.process(frame)?) };
+        let name = self.name(pair);
+        let path = given
+            .get(&name)
+            .with_context(|| format!("{}: no mask with this name", folder.join(name + ".png").display()))?;
+        let mask = Mask::from_image(images::read_gray(path)?);
+        let ((width, height), (columns, rows)) = (mask.image().size(), frame.rgb().size());
+        anyhow::ensure!(
+            (width, height) == (columns, rows),
+            "{}: the mask is {width}x{height}, its image {columns}x{rows}",
+            path.display()
+        );
+        Ok(pipeline.process_with_mask(frame, &mask)?)
     }
 
     fn save(&self, pair: &Association, mask: &Mask) -> anyhow::Result<()> {
         let Some(folder) = &self.target else { return Ok(()) };
-        let path = folder.join(format!("{}.png", file_stem(pair)));
+        let path = folder.join(format!("{}.png", self.name(pair)));
         let (width, height) = mask.image().size();
         let (width, height) = (width as u32, height as u32);
         image::save_buffer(&path, mask.image().pixels(), width, height, image::ExtendedColorType::L8)
@@ -216,6 +266,11 @@ fn prepare(folder: &Path, given: Option<&Path>) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+fn repeated_stems(pairs: &[Association]) -> BTreeSet<String> {
+    let mut seen = BTreeSet::new();
+    pairs.iter().map(file_stem).filter(|stem| !seen.insert(stem.clone())).collect()
 }
 
 /// Name of the colour image without its extension.

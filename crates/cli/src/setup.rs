@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use pfd_dataset::{Options, Pairing, Sequence};
-use pfd_geometry::{Camera, Distortion};
+use pfd_geometry::Camera;
 use pfd_parameters::{NodeConfig, NodeName, ParameterTree, ReplayConfig, Value, load, parse_value};
 use pfd_pipeline::SlamConfig;
 
@@ -50,6 +50,17 @@ pub(crate) fn camera(config: &SlamConfig, sequence: &Sequence) -> anyhow::Result
             )
         });
     };
-    let size = (c.width as usize, c.height as usize);
-    Camera::new(size, [c.fx, c.fy, c.cx, c.cy], Distortion(c.distortion)).context("camera in the configuration")
+    c.to_camera().context("parameter `camera`")
+}
+
+/// Where the numbers of [`camera`] come from.
+pub(crate) fn camera_origin(config: &SlamConfig, sequence: &Sequence) -> String {
+    let file = sequence.folder().join("calib.yaml");
+    if config.camera.is_some() {
+        "parameter `camera`".to_owned()
+    } else if file.exists() {
+        file.display().to_string()
+    } else {
+        format!("by the name {}", sequence.name())
+    }
 }

@@ -60,10 +60,10 @@ pub enum DatasetError {
         /// What is wrong with it.
         reason: String,
     },
-    /// Colour and depth of a frame do not belong together.
+    /// Colour and depth of a frame do not belong together, or not to the camera.
     #[error("{}: {error}", path.display())]
     Frame {
-        /// The depth image.
+        /// The image at fault.
         path: PathBuf,
         /// Why.
         error: pfd_geometry::FrameError,
