@@ -45,7 +45,7 @@ impl Run {
         let image = &self.sequence.pair(i).rgb_path;
         let folder = image.parent().unwrap().with_file_name("mask");
         let path = folder.join(image.with_extension("png").file_name().unwrap());
-        Mask::from_image(pfd_dataset::images::read_gray(&path).unwrap())
+        pfd_dataset::images::read_mask(&path).unwrap()
     }
 
     fn track(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> TrackedFrame {

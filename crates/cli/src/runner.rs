@@ -229,7 +229,7 @@ impl Masks {
         let path = given
             .get(&name)
             .with_context(|| format!("{}: no mask with this name", folder.join(name + ".png").display()))?;
-        let mask = Mask::from_image(images::read_gray(path)?);
+        let mask = images::read_mask(path)?;
         let ((width, height), (columns, rows)) = (mask.image().size(), frame.rgb().size());
         anyhow::ensure!(
             (width, height) == (columns, rows),

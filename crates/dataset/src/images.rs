@@ -6,7 +6,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageReader, Limits};
 use pfd_geometry::encoded::is_complete;
-use pfd_geometry::{Camera, GrayImage, Image, RgbImage};
+use pfd_geometry::{Camera, GrayImage, Image, Mask, RgbImage};
 
 use crate::DatasetError;
 
@@ -37,14 +37,33 @@ pub fn read_depth(path: &Path) -> Result<Image<u16>, DatasetError> {
     from_pixels(path, width, height, image.into_raw())
 }
 
-/// Reads an image with one channel of 8 bits, such as a mask; colour is converted.
+/// Reads an image with one channel of 8 bits whose values have a meaning, such as a true mask.
+///
+/// # Errors
+/// When the file cannot be read or decoded, or is of another kind: conversion would change the values.
+pub fn read_gray(path: &Path) -> Result<GrayImage, DatasetError> {
+    let image = match decode(path)? {
+        DynamicImage::ImageLuma8(image) => image,
+        other => {
+            let reason = format!("an image with one channel of 8 bits is expected, this one is {:?}", other.color());
+            return Err(DatasetError::Image { path: path.to_owned(), reason });
+        }
+    };
+    let (width, height) = image.dimensions();
+    from_pixels(path, width, height, image.into_raw())
+}
+
+/// Reads a mask from an image of any kind: what is not black counts as dynamic. Transparency says nothing.
 ///
 /// # Errors
 /// When the file cannot be read or decoded.
-pub fn read_gray(path: &Path) -> Result<GrayImage, DatasetError> {
-    let image = decode(path)?.into_luma8();
+pub fn read_mask(path: &Path) -> Result<Mask, DatasetError> {
+    // All channels with all their bits: fewer would turn small values to 0.
+    let image = decode(path)?.into_rgb16();
     let (width, height) = image.dimensions();
-    from_pixels(path, width, height, image.into_raw())
+    let mut mask = Mask::empty(width as usize, height as usize);
+    mask.assign(image.pixels().map(|pixel| pixel.0 != [0; 3]));
+    Ok(mask)
 }
 
 /// Width and height of an image without decoding it.
@@ -103,6 +122,22 @@ mod tests {
         image::ImageBuffer::from_pixel(4, 2, image::Luma([5000_u16])).save(&path).unwrap();
         assert_eq!(read_depth(&path).unwrap().pixels(), [5000; 8]);
         assert_eq!(size(&path).unwrap(), (4, 2));
+    }
+
+    #[test]
+    fn what_is_not_black_is_masked_whatever_the_kind_of_image() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mask.png");
+        let masked = || read_mask(&path).unwrap().image().pixels().to_vec();
+        image::ImageBuffer::from_fn(2, 1, |u, _| image::Luma([u as u16])).save(&path).unwrap();
+        assert_eq!(masked(), [0, 255], "1 of 16 bits");
+        assert!(read_gray(&path).unwrap_err().to_string().contains("mask.png: an image with one channel of 8 bits"));
+        image::ImageBuffer::from_fn(2, 1, |u, _| image::Rgba([0, 0, u as u8, 255])).save(&path).unwrap();
+        assert_eq!(masked(), [0, 255], "faint blue");
+        assert!(read_gray(&path).is_err());
+        image::ImageBuffer::from_fn(2, 1, |u, _| image::Luma([u as u8])).save(&path).unwrap();
+        assert_eq!(masked(), [0, 255]);
+        assert_eq!(read_gray(&path).unwrap().pixels(), [0, 1]);
     }
 
     #[test]

@@ -64,4 +64,16 @@ pub enum EvaluationError {
         /// Columns and rows.
         ground_truth: (usize, usize),
     },
+    /// A ground-truth mask has a value that means nothing.
+    #[error(
+        "the ground truth is {value} at column {column}, row {row}: 255 (moving), 128 (ignored) and 0 (static) are known"
+    )]
+    TruthValue {
+        /// The value.
+        value: u8,
+        /// Column of the first such pixel, from 0.
+        column: usize,
+        /// Its row, from 0.
+        row: usize,
+    },
 }

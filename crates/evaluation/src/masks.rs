@@ -5,8 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::EvaluationError;
 
-/// Ground-truth value of a pixel that moves; [`IGNORED`] pixels do not count, all others are static.
+/// Ground-truth value of a pixel that moves.
 pub const MOVING: u8 = 255;
+/// Ground-truth value of a pixel that does not move.
+pub const STATIC: u8 = 0;
 /// Ground-truth value of a pixel that counts neither way, such as a person who stands still.
 pub const IGNORED: u8 = 128;
 
@@ -27,19 +29,24 @@ impl MaskScore {
     /// Compares a mask with the ground truth.
     ///
     /// # Errors
-    /// [`EvaluationError::MaskSize`] when the sizes differ.
+    /// [`EvaluationError::MaskSize`] when the sizes differ, [`EvaluationError::TruthValue`] for a value of the ground truth that
+    /// is none of [`MOVING`], [`IGNORED`] and [`STATIC`].
     pub fn of(mask: &Mask, ground_truth: &GrayImage) -> Result<Self, EvaluationError> {
         if mask.image().size() != ground_truth.size() {
             return Err(EvaluationError::MaskSize { mask: mask.image().size(), ground_truth: ground_truth.size() });
         }
         let mut score = Self::default();
-        for (&masked, &truth) in mask.image().pixels().iter().zip(ground_truth.pixels()) {
+        for (i, (&masked, &truth)) in mask.image().pixels().iter().zip(ground_truth.pixels()).enumerate() {
             match (truth, masked != Mask::STATIC) {
                 (IGNORED, _) => {}
                 (MOVING, true) => score.true_positive += 1,
                 (MOVING, false) => score.false_negative += 1,
-                (_, true) => score.false_positive += 1,
-                (_, false) => score.true_negative += 1,
+                (STATIC, true) => score.false_positive += 1,
+                (STATIC, false) => score.true_negative += 1,
+                (value, _) => {
+                    let (column, row) = (i % ground_truth.width(), i / ground_truth.width());
+                    return Err(EvaluationError::TruthValue { value, column, row });
+                }
             }
         }
         Ok(score)
@@ -178,6 +185,13 @@ mod tests {
         assert_eq!(summary.static_masked, StaticMasked { mean: Some(0.25), max: Some(0.5) });
         assert_eq!(summary.pixels.precision, Some(0.5));
         assert_eq!(MaskSummary::of(&[]).recall, None);
+    }
+
+    #[test]
+    fn a_value_without_meaning_is_named() {
+        let truth = Image::from_vec(2, 2, vec![0, 255, 128, 1]).unwrap();
+        let error = MaskScore::of(&Mask::empty(2, 2), &truth).unwrap_err();
+        assert!(matches!(error, EvaluationError::TruthValue { value: 1, column: 1, row: 1 }), "{error}");
     }
 
     #[test]

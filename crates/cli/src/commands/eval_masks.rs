@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use pfd_dataset::images;
 use pfd_evaluation::{MaskScore, MaskSummary};
-use pfd_geometry::Mask;
 use serde::Serialize;
 
 use crate::arguments::EvalMasksArguments;
@@ -45,8 +44,9 @@ pub(crate) fn compare(masks: &Path, ground_truth: &Path) -> anyhow::Result<MaskE
 }
 
 fn score(mask: &Path, truth: &Path) -> anyhow::Result<MaskScore> {
-    let judged = Mask::from_image(images::read_gray(mask)?);
-    MaskScore::of(&judged, &images::read_gray(truth)?).with_context(|| mask.display().to_string())
+    let judged = images::read_mask(mask)?;
+    MaskScore::of(&judged, &images::read_gray(truth)?)
+        .with_context(|| format!("{} against {}", mask.display(), truth.display()))
 }
 
 /// The images of a folder by the name of the colour image they belong to, without extensions: `1.5.png` and `1.5.jpg.png` are

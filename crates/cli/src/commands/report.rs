@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use pfd_dataset::{Association, Sequence, images};
 use pfd_evaluation::read_trajectory;
-use pfd_geometry::Mask;
 use pfd_report::sample::spread;
 use pfd_report::summary::{Errors, Timing};
 use pfd_report::{FrameRow, RunPage, Sample, Summary, frames};
@@ -69,9 +68,8 @@ pub(crate) fn samples(sequence: &Sequence, rows: &[FrameRow], masks: &Path) -> a
     let mut samples = Vec::new();
     for (pair, mask) in spread(with_mask.len(), SAMPLES).into_iter().map(|i| &with_mask[i]) {
         let stamp = pair.rgb_stamp;
-        let (rgb, mask) = (images::read_color(&pair.rgb_path)?, images::read_gray(mask)?);
+        let (rgb, mask) = (images::read_color(&pair.rgb_path)?, images::read_mask(mask)?);
         let objects = rows.iter().find(|r| r.stamp == stamp.to_string()).map_or(0, |r| r.objects);
-        let mask = Mask::from_image(mask);
         let time = stamp.seconds_since(sequence.pair(0).rgb_stamp);
         samples.push(Sample::new(stamp, caption(time, mask.fraction(), objects), &rgb, &mask)?);
     }
