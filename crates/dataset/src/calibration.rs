@@ -1,9 +1,12 @@
 //! Intrinsics: from `calib.yaml`, or from the name of a sequence of the benchmark.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use pfd_geometry::{Camera, CameraError, Distortion};
+use pfd_parameters::spelling;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use crate::DatasetError;
 
@@ -23,7 +26,10 @@ pub struct Calibration {
     pub depth_factor: Option<f64>,
 }
 
-/// Keys of `calib.yaml`; keys that are not listed (frame rate, notes) are ignored.
+/// What begins with one of these is meant to describe lens or depth, and is not passed over.
+const NEVER_IGNORED: [(&str, &str); 2] = [("dist", "distortion"), ("depth", "depth_factor")];
+
+/// Keys of `calib.yaml`; keys that are not listed (frame rate, notes) are ignored, unless they look like a slip.
 #[derive(Deserialize)]
 struct File {
     #[serde(alias = "image_width")]
@@ -39,6 +45,24 @@ struct File {
     distortion_model: Option<String>,
     camera_model: Option<String>,
     depth_factor: Option<f64>,
+}
+
+impl File {
+    /// All names of its fields.
+    const KEYS: [&str; 12] = [
+        "width",
+        "image_width",
+        "height",
+        "image_height",
+        "fx",
+        "fy",
+        "cx",
+        "cy",
+        "distortion",
+        "distortion_model",
+        "camera_model",
+        "depth_factor",
+    ];
 }
 
 impl Calibration {
@@ -58,6 +82,10 @@ impl Calibration {
     pub fn parse(text: &str) -> Result<Self, String> {
         // Without the excerpt of the file: error messages are one line.
         let file: File = serde_saphyr::from_str(text).map_err(|e| e.without_snippet().to_string())?;
+        check_keys(text)?;
+        if file.width.is_some() != file.height.is_some() {
+            return Err("of width and height there is one: both are needed, or none for those of the images".to_owned());
+        }
         if let Some(model) = file.camera_model.filter(|m| m != "pinhole") {
             return Err(format!("camera_model `{model}` is not supported: pinhole is"));
         }
@@ -109,10 +137,28 @@ impl Calibration {
     }
 }
 
+/// Refuses a key that would be ignored although it looks like one that is read.
+// A set would be read from a list, not from the keys of a mapping.
+#[allow(clippy::zero_sized_map_values)]
+fn check_keys(text: &str) -> Result<(), String> {
+    let keys: BTreeMap<String, IgnoredAny> =
+        serde_saphyr::from_str(text).map_err(|e| e.without_snippet().to_string())?;
+    for key in keys.keys().filter(|key| !File::KEYS.contains(&key.as_str())) {
+        let begins = NEVER_IGNORED.iter().find(|(prefix, _)| key.starts_with(prefix)).map(|(_, meant)| *meant);
+        if let Some(meant) = begins.or(spelling::similar(key, File::KEYS)) {
+            return Err(format!("unknown key `{key}`: `{meant}` may be meant; rename it, or comment it out"));
+        }
+    }
+    Ok(())
+}
+
 fn distortion(model: Option<&str>, coefficients: &[f64]) -> Result<Distortion, String> {
     const SUPPORTED: [&str; 4] = ["radtan", "plumb_bob", "radial-tangential", "none"];
     if let Some(model) = model.filter(|m| !SUPPORTED.contains(m)) {
         return Err(format!("distortion_model `{model}` is not supported: {} are", SUPPORTED.join(", ")));
+    }
+    if model == Some("none") && coefficients.iter().any(|&k| k != 0.0) {
+        return Err("distortion_model is `none`, but distortion is not 0: state radtan, or no distortion".to_owned());
     }
     let mut all = [0.0; 5];
     match coefficients.len() {
@@ -151,11 +197,25 @@ mod tests {
             ("fx: 1\nfy: 1\ncx: 1\ncy: 1\ndistortion_model: fisheye\n", "fisheye"),
             ("fx: 1\nfy: 1\ncx: 1\ncy: 1\ndepth_factor: -1\n", "depth_factor"),
             ("fx: 1\nfy: 1\ncx: 1\ncy: 1\ncamera_model: omni\n", "omni"),
+            ("fx: 1\nfy: 1\ncx: 1\ncy: 1\ndistorsion: [0, 0, 0, 0]\n", "`distorsion`: `distortion` may be meant"),
+            ("fx: 1\nfy: 1\ncx: 1\ncy: 1\ndepth_scale: 1000\n", "`depth_scale`: `depth_factor` may be meant"),
+            ("fx: 1\nfy: 1\ncx: 1\ncy: 1\nwidht: 640\nheight: 480\n", "both are needed"),
+            ("fx: 1\nfy: 1\ncx: 1\ncy: 1\nwidths: 640\n", "`widths`: `width` may be meant"),
+            ("fx: 1\nfy: 1\ncx: 1\ncy: 1\nwidth: 640\n", "both are needed"),
+            ("fx: 1\nfy: 1\ncx: 1\ncy: 1\ndistortion_model: none\ndistortion: [0, 1, 0, 0]\n", "not 0"),
         ] {
             let reason = Calibration::parse(text).unwrap_err();
             assert!(reason.contains(part), "{reason}");
             assert!(!reason.contains('\n'), "{reason}");
         }
+    }
+
+    #[test]
+    fn other_keys_are_ignored() {
+        let text = format!("{PINHOLE}notes: {{a: [1, 2]}}\nserial: 17\nexposure: auto\n1: one\n");
+        assert_eq!(Calibration::parse(&text), Calibration::parse(PINHOLE));
+        let text = "fx: 1\nfy: 1\ncx: 1\ncy: 1\ndistortion_model: none\ndistortion: [0, 0, 0, 0]\n";
+        assert!(Calibration::parse(text).unwrap().distortion.is_zero());
     }
 
     #[test]

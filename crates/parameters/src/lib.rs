@@ -9,6 +9,7 @@ pub mod error;
 pub mod name;
 pub mod node_config;
 mod schema;
+pub mod spelling;
 pub mod tree;
 pub mod yaml;
 

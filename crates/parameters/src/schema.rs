@@ -115,21 +115,31 @@ fn check_scalar(schema: &Value, kind: ParameterKind, value: &Value) -> Result<()
     }
 }
 
+/// Smallest and largest number of an integer type that is narrower than those of a parameter.
+fn limits_of_type(schema: &Value) -> Option<(f64, f64)> {
+    match schema.get("format").and_then(Value::as_str)? {
+        "int32" => Some((f64::from(i32::MIN), f64::from(i32::MAX))),
+        "uint32" => Some((0.0, f64::from(u32::MAX))),
+        _ => None,
+    }
+}
+
 fn check_range(schema: &Value, value: &Value) -> Result<(), String> {
     let schema = without_null(schema);
     let number = value.as_f64().unwrap_or(f64::NAN);
     let bound = |key: &str| schema.get(key).and_then(Value::as_f64);
-    let inside = bound("minimum").is_none_or(|low| number >= low)
-        && bound("maximum").is_none_or(|high| number <= high)
-        && bound("exclusiveMinimum").is_none_or(|low| number > low)
-        && bound("exclusiveMaximum").is_none_or(|high| number < high);
+    let (least, most) = limits_of_type(schema).unzip();
+    let (minimum, maximum) = (bound("minimum").or(least), bound("maximum").or(most));
+    let (above, below) = (bound("exclusiveMinimum"), bound("exclusiveMaximum"));
+    let inside = minimum.is_none_or(|low| number >= low)
+        && maximum.is_none_or(|high| number <= high)
+        && above.is_none_or(|low| number > low)
+        && below.is_none_or(|high| number < high);
     if inside {
         return Ok(());
     }
     let text = |bound: Option<f64>| bound.map_or("any".to_owned(), |b| b.to_string());
-    let low = text(bound("minimum").or(bound("exclusiveMinimum")));
-    let high = text(bound("maximum").or(bound("exclusiveMaximum")));
-    Err(format!("{value} is out of range [{low}, {high}]"))
+    Err(format!("{value} is out of range [{}, {}]", text(minimum.or(above)), text(maximum.or(below))))
 }
 
 fn check_choice(schema: &Value, value: &Value) -> Result<(), String> {

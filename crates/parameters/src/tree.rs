@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
-use crate::{NodeName, ParameterError, describe, schema, yaml};
+use crate::{NodeName, ParameterError, describe, schema, spelling, yaml};
 
 /// How often names may be nested; deeper files are refused.
 const MAX_DEPTH: usize = 16;
@@ -134,28 +134,8 @@ fn check_leaf(schema: &Value, name: &str, leaf: &Leaf) -> Result<(), ParameterEr
 }
 
 fn unknown(key: &str, leaf: &Leaf, known: &[String]) -> ParameterError {
-    /// Names that differ in more letters are not a spelling mistake.
-    const MAX_DISTANCE: usize = 3;
-    /// Nor are short names that differ in most of their letters.
-    const LETTERS_PER_SLIP: usize = 3;
-    let nearest = known.iter().map(|name| (edit_distance(key, name), name)).min();
-    let is_slip = |distance: usize| distance <= MAX_DISTANCE.min(key.len() / LETTERS_PER_SLIP).max(1);
-    let hint = nearest.filter(|(distance, _)| is_slip(*distance)).map(|(_, name)| name.clone());
+    let hint = spelling::similar(key, known.iter().map(String::as_str)).map(str::to_owned);
     ParameterError::Unknown { origin: leaf.origin.clone(), key: key.to_owned(), hint }
-}
-
-/// Levenshtein distance in bytes.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.bytes().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for (j, y) in b.bytes().enumerate() {
-            let substituted = diagonal + usize::from(x != y);
-            diagonal = row[j + 1];
-            row[j + 1] = substituted.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 /// Sets the value at `parts`, making the groups on the way.
@@ -183,6 +163,7 @@ mod tests {
         /// How many, pixels.
         #[schemars(range(min = 1, max = 100))]
         count: u32,
+        levels: u32,
         scale: f64,
         on: bool,
         size: Option<[f64; 2]>,
@@ -190,7 +171,7 @@ mod tests {
 
     impl Default for Stage {
         fn default() -> Self {
-            Self { count: 7, scale: 1.5, on: false, size: None }
+            Self { count: 7, levels: 1, scale: 1.5, on: false, size: None }
         }
     }
 
@@ -234,7 +215,7 @@ robot:
   other: {ros__parameters: {nonsense: 1}}
 ";
         let config = load(text, &[("stage.size", serde_json::json!([1, 2.5]))]).unwrap();
-        let stage = Stage { count: 9, scale: 2.0, on: true, size: Some([1.0, 2.5]) };
+        let stage = Stage { count: 9, scale: 2.0, on: true, size: Some([1.0, 2.5]), ..Stage::default() };
         assert_eq!(config, Config { mode: Mode::Two, stage, optional: None });
     }
 
@@ -252,6 +233,7 @@ robot:
             ("stage: {cuont: 1}", "unknown parameter `stage.cuont`; did you mean `stage.count`?"),
             ("stge: 1", "unknown parameter `stge`; did you mean `stage`?"),
             ("stage: {count: 0}", "`stage.count`: 0 is out of range [1, 100]"),
+            ("stage: {levels: 5000000000}", "`stage.levels`: 5000000000 is out of range [0, 4294967295]"),
             ("stage: {count: 1.5}", "must be a whole number"),
             ("stage: {scale: big}", "must be a number"),
             ("stage: {on: 1}", "must be true or false"),
