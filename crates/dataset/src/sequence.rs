@@ -29,14 +29,12 @@ pub struct Options {
     pub max_difference: f64,
     /// Which depth image belongs to a colour image.
     pub pairing: Pairing,
-    /// Depth units per metre; by default from `calib.yaml`, else 5000.
-    pub depth_factor: Option<f64>,
 }
 
 impl Default for Options {
     /// The benchmark's: 0.02 s, no offset.
     fn default() -> Self {
-        Self { depth_offset: 0.0, max_difference: 0.02, pairing: Pairing::default(), depth_factor: None }
+        Self { depth_offset: 0.0, max_difference: 0.02, pairing: Pairing::default() }
     }
 }
 
@@ -95,7 +93,7 @@ impl Sequence {
         let calibration = calibration(&folder, &name)?;
         Ok(Self {
             camera: calibration.map(|c| camera(&c, &folder, &pairs)).transpose()?,
-            depth_factor: options.depth_factor.or(calibration.and_then(|c| c.depth_factor)).unwrap_or(TUM_DEPTH_FACTOR),
+            depth_factor: calibration.and_then(|c| c.depth_factor).unwrap_or(TUM_DEPTH_FACTOR),
             ground_truth: ground_truth(&folder.join("groundtruth.txt"))?,
             unpaired: rgb.len() - pairs.len(),
             name,
@@ -126,7 +124,7 @@ impl Sequence {
         self.camera
     }
 
-    /// Depth units per metre.
+    /// Depth units per metre: of `calib.yaml`, else 5000.
     pub fn depth_factor(&self) -> f64 {
         self.depth_factor
     }

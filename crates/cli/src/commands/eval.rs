@@ -2,13 +2,11 @@
 
 use anyhow::Context;
 use pfd_evaluation::{Statistics, ate, read_trajectory, rpe};
+use pfd_report::summary::RPE_INTERVAL;
 use serde::Serialize;
 
 use crate::arguments::EvalArguments;
 use crate::output;
-
-/// The interval of the relative error, seconds: drift is stated per second.
-pub(crate) const RPE_INTERVAL: f64 = 1.0;
 
 /// What `--json` prints.
 #[derive(Serialize)]
@@ -40,7 +38,7 @@ fn text(errors: &Errors) -> String {
             text += &output::statistics_row("RPE translation (m/s)", &translation);
             text += &output::statistics_row("RPE rotation (deg/s)", &rotation);
         }
-        None => text += "RPE: none, the trajectory is shorter than one second\n",
+        None => text += "RPE: none, no interval of one second with ground truth at both ends\n",
     }
     text
 }
