@@ -392,6 +392,18 @@ fn images_of_one_name_have_masks_of_their_own() {
     assert_stops_naming(&given, "mask/1305031104.211283.png: no mask with this name");
 }
 
+/// The nodes' files without masks: those of a run that saved none.
+#[test]
+fn a_report_without_masks_names_no_picture() {
+    let out = tempfile::tempdir().unwrap();
+    assert_success(&run_bundled(out.path(), &["--mode", "none"]));
+    let printed = pfd_slam(&["report", text(&bundled_sequence()), text(out.path())]);
+    assert_success(&printed);
+    let printed = String::from_utf8(printed.stdout).unwrap();
+    assert!(printed.contains("report: ") && printed.contains("(as given to `report`)"), "{printed}");
+    assert!(!printed.contains("picture: ") && !out.path().join("picture.svg").exists(), "{printed}");
+}
+
 #[test]
 fn a_bench_of_an_archive_goes_on_where_it_stopped() {
     let folder = tempfile::tempdir().unwrap();

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use pfd_evaluation::{Statistics, write_trajectory};
-use pfd_report::summary::{Errors, StageTiming, Timing};
+use pfd_report::summary::{Errors, NO_ERRORS, StageTiming, Timing};
 use pfd_report::{Percentiles, RunPage, Summary, frames};
 
 use crate::output;
@@ -53,23 +53,30 @@ pub(crate) fn write(out: &Path, summary: &Summary, errors: &Errors, outcome: &Ou
 
 /// Prints the key figures.
 pub(crate) fn print(summary: &Summary, out: &Path) -> anyhow::Result<()> {
-    let files =
-        format!("report: {}\npicture: {}\n", out.join("report.html").display(), out.join("picture.svg").display());
-    output::print(&(text(summary) + &files))
+    let mut printed = text(summary);
+    for (name, file) in [("report", "report.html"), ("picture", "picture.svg")] {
+        let path = out.join(file);
+        // A report without masks has no picture.
+        if path.exists() {
+            let _ = writeln!(printed, "{name}: {}", path.display());
+        }
+    }
+    output::print(&printed)
 }
 
 fn text(s: &Summary) -> String {
     let mut text = format!(
-        "{}: {} frames, {:.1} % tracked, mode {}, seed {}\n",
+        "{}: {} frames, {:.1} % tracked, mode {}, seed {}{}\n",
         s.sequence,
         s.frames,
         100.0 * s.tracked,
         s.mode,
-        s.seed
+        s.seed,
+        s.settings_note()
     );
     if s.skipped > 0 {
         // Writing to a string cannot fail.
-        let _ = writeln!(text, "{} frames skipped because an image could not be read or did not arrive", s.skipped);
+        let _ = writeln!(text, "{} frames skipped because an image could not be used or did not arrive", s.skipped);
     }
     let rows: [(&str, &Option<Statistics>); 4] = [
         ("ATE (m)", &s.ate),
@@ -81,7 +88,7 @@ fn text(s: &Summary) -> String {
         text += &statistics.map(|s| output::statistics_row(name, &s)).unwrap_or_default();
     }
     if s.ate.is_none() {
-        text += "no errors to state: no ground truth, or too few poses beside it\n";
+        let _ = writeln!(text, "{NO_ERRORS}");
     }
     for (name, p) in
         [("segmentation", s.timing_ms.segmentation), ("tracking", s.timing_ms.tracking), ("total", s.timing_ms.total)]

@@ -52,7 +52,7 @@ pub(crate) struct Outcome {
     /// Milliseconds of each stage, in the order in which the stages first ran.
     pub(crate) stages: Vec<(String, Vec<f64>)>,
     pub(crate) samples: Vec<Sample>,
-    /// Frames whose images could not be read.
+    /// Frames whose images could not be read, or were not of the camera's size.
     pub(crate) skipped: usize,
 }
 

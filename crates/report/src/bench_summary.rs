@@ -71,7 +71,7 @@ fn facts(runs: &[BenchRun]) -> Vec<String> {
     let ours: Vec<&BenchRun> = runs.iter().filter(|run| run.variant == "pfd").collect();
     let mut facts = Vec::new();
     if let Some(least) = ours.iter().map(|run| 100.0 * run.summary.tracked).min_by(f64::total_cmp) {
-        facts.push(format!("Mode `pfd` tracks at least {least:.1} % of the frames of each run."));
+        facts.push(format!("Mode `pfd` tracks at least {:.1} % of the frames of each run.", rounded_down(least)));
     }
     let timed: Vec<&BenchRun> = ours.iter().filter(|run| run.summary.sequence == TIMED).copied().collect();
     if !timed.is_empty() {
@@ -89,11 +89,27 @@ fn facts(runs: &[BenchRun]) -> Vec<String> {
     let wrong = ours.iter().filter_map(|run| Some(100.0 * run.masks.as_ref()?.static_masked.mean?)).fold(0.0, f64::max);
     if least.is_finite() {
         facts.push(format!(
-            "Its masks find {least:.0} to {most:.0} % of the moving pixels, and take at most {wrong:.1} % of the static ones with \
-             them (means over a sequence)."
+            "Its masks find {least:.0} to {most:.0} % of the moving pixels, and take at most {:.1} % of the static ones with \
+             them (means over a sequence).",
+            rounded_up(wrong)
         ));
     }
     facts
+}
+
+/// Steps of what is stated to one decimal.
+const PER_ONE: f64 = 10.0;
+/// Far below a step, far above what binary fractions are off by: 99.9 stays 99.9.
+const ROUNDING_ERROR: f64 = 1e-9;
+
+/// The largest number with one decimal that `value` reaches.
+fn rounded_down(value: f64) -> f64 {
+    (value * PER_ONE + ROUNDING_ERROR).floor() / PER_ONE
+}
+
+/// The smallest number with one decimal that `value` does not exceed.
+fn rounded_up(value: f64) -> f64 {
+    (value * PER_ONE - ROUNDING_ERROR).ceil() / PER_ONE
 }
 
 /// `text` with `summary` between [`BEGIN`] and [`END`].
@@ -118,16 +134,23 @@ mod tests {
 
     #[test]
     fn the_summary_has_a_row_per_sequence() {
-        let runs = [
+        let mut runs = [
             run("composite-demo", "pfd", 0, 0.011),
             run("composite-demo", "pfd", 1, 0.012),
             run("composite-demo", "pfd", 2, 0.3),
             run("my-room", "none", 0, 0.02),
         ];
+        runs[0].summary.tracked = 0.9998;
         let text = summary(&runs, "commit abc");
         assert!(text.contains(&format!("| {} | 0.0120 | – | – | 0.0123 | 0.0119 |\n", DESCRIPTIONS[1].1)), "{text}");
         assert!(text.contains("| my-room | – | 0.0200 | – | – | – |\n"), "{text}");
-        assert!(text.contains("at commit abc; median of 3 seeds. Mode `pfd` tracks at least 100.0 %"), "{text}");
+        assert!(text.contains("at commit abc; median of 3 seeds. Mode `pfd` tracks at least 99.9 %"), "{text}");
+    }
+
+    #[test]
+    fn bounds_are_not_rounded_to_what_is_not_reached() {
+        assert_eq!((rounded_down(99.97), rounded_down(100.0 * 0.999), rounded_down(100.0)), (99.9, 99.9, 100.0));
+        assert_eq!((rounded_up(2.01), rounded_up(100.0 * 0.023), rounded_up(0.0)), (2.1, 2.3, 0.0));
     }
 
     #[test]

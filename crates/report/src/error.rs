@@ -57,3 +57,13 @@ pub enum ReportError {
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), ReportError> {
     std::fs::write(path, content).map_err(|error| ReportError::Io { path: path.to_owned(), error })
 }
+
+/// Removes a file, where there is one.
+pub(crate) fn remove(path: &Path) -> Result<(), ReportError> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(ReportError::Io { path: path.to_owned(), error })
+        }
+        _ => Ok(()),
+    }
+}

@@ -5,7 +5,7 @@ use std::path::Path;
 use pfd_evaluation::Statistics;
 use pfd_geometry::StampedPose;
 
-use crate::summary::{Errors, Percentiles};
+use crate::summary::{Errors, NO_ERRORS, Percentiles};
 use crate::{FrameRow, ReportError, Sample, Summary, figures, html};
 
 /// What the page of a run shows.
@@ -32,12 +32,15 @@ impl RunPage<'_> {
         crate::error::write(path, self.html()?)
     }
 
-    /// Writes one picture: the sample frame in which most is masked, beside the trajectory. Nothing without samples.
+    /// Writes one picture: the sample frame in which most is masked, beside the trajectory. Without samples there is none, and
+    /// one of an earlier report is removed.
     ///
     /// # Errors
-    /// When the plot cannot be drawn or the file not be written.
+    /// When the plot cannot be drawn, or the file not be written or removed.
     pub fn write_picture(&self, path: &Path) -> Result<(), ReportError> {
-        let Some(sample) = self.samples.iter().max_by(|a, b| a.masked.total_cmp(&b.masked)) else { return Ok(()) };
+        let Some(sample) = self.samples.iter().max_by(|a, b| a.masked.total_cmp(&b.masked)) else {
+            return crate::error::remove(path);
+        };
         crate::error::write(path, crate::picture::svg(self.summary, self.errors, self.trajectory, sample)?)
     }
 
@@ -80,20 +83,20 @@ impl RunPage<'_> {
         }
         let header = ["", "rmse", "mean", "median", "std", "min", "max"].map(str::to_owned);
         let facts = format!(
-            "<p>{} frames, {:.1} % tracked; mode {}, seed {}; {} keyframes, {} map points; \
-             {} images unreadable, {} without depth.</p>\n",
+            "<p>{} frames, {:.1} % tracked; mode {}, seed {}{}; {} keyframes, {} map points; \
+             {} frames unusable, {} images without depth.</p>\n",
             s.frames,
             100.0 * s.tracked,
             html::escape(&s.mode),
             s.seed,
+            s.settings_note(),
             count(s.keyframes),
             count(s.map_points),
             s.skipped,
             s.unpaired
         );
-        let note =
-            if s.ate.is_some() { "" } else { "<p>No ground truth is known, so there are no errors to state.</p>\n" };
-        facts + note + &html::table(&header, &rows)
+        let note = if s.ate.is_some() { String::new() } else { format!("<p>{NO_ERRORS}.</p>\n") };
+        facts + &note + &html::table(&header, &rows)
     }
 
     fn stages(&self) -> String {
@@ -109,7 +112,11 @@ impl RunPage<'_> {
 
     fn configuration(&self) -> String {
         let json = serde_json::to_string_pretty(&self.summary.config).unwrap_or_default();
-        format!("<details><summary>Configuration</summary><pre>{}</pre></details>\n", html::escape(&json))
+        format!(
+            "<details><summary>Configuration{}</summary><pre>{}</pre></details>\n",
+            self.summary.settings_note(),
+            html::escape(&json)
+        )
     }
 }
 
@@ -148,9 +155,30 @@ mod tests {
         let (summary, errors) = (summary(), Errors::default());
         let page = RunPage { summary: &summary, errors: &errors, trajectory: &[], frames: &[], samples: &[] };
         let html = page.html().unwrap();
-        assert!(html.contains("a &lt;room&gt;") && html.contains("No ground truth") && html.contains("50.0 %"));
+        assert!(html.contains("a &lt;room&gt;") && html.contains(NO_ERRORS) && html.contains("50.0 %"));
+        assert!(!html.contains("as given to"));
         for outside in ["src=\"http", "href=\"http", "@import", "<script"] {
             assert!(!html.contains(outside), "{outside}");
         }
+    }
+
+    #[test]
+    fn without_samples_no_picture_stays() {
+        let (summary, errors) = (summary(), Errors::default());
+        let page = RunPage { summary: &summary, errors: &errors, trajectory: &[], frames: &[], samples: &[] };
+        let folder = tempfile::tempdir().unwrap();
+        let picture = folder.path().join("picture.svg");
+        std::fs::write(&picture, "old").unwrap();
+        for _ in 0..2 {
+            page.write_picture(&picture).unwrap();
+            assert!(!picture.exists());
+        }
+    }
+
+    #[test]
+    fn settings_that_are_not_known_from_the_run_are_marked() {
+        let (summary, errors) = (Summary { keyframes: None, ..summary() }, Errors::default());
+        let page = RunPage { summary: &summary, errors: &errors, trajectory: &[], frames: &[], samples: &[] };
+        assert!(page.html().unwrap().contains("seed 1 (as given to `report`)"));
     }
 }

@@ -12,6 +12,9 @@ use crate::{FrameRow, ReportError};
 /// The interval of the relative error, seconds: drift is stated per second.
 pub const RPE_INTERVAL: f64 = 1.0;
 
+/// What a report says where it has no errors to state.
+pub const NO_ERRORS: &str = "No errors to state: no ground truth, or too few poses beside it";
+
 /// Content of `report.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
@@ -21,7 +24,7 @@ pub struct Summary {
     pub frames: usize,
     /// Share of the frames with a valid pose.
     pub tracked: f64,
-    /// Frames left out because an image could not be read.
+    /// Frames left out because an image could not be read, or was not of the camera's size.
     #[serde(default)]
     pub skipped: usize,
     /// Colour images left out because no depth image is near.
@@ -95,6 +98,14 @@ impl Percentiles {
         let at = |q| quantile(times, q).unwrap_or_default();
         let mean = times.iter().sum::<f64>() / times.len().max(1) as f64;
         Self { median: at(0.5), mean, p99: at(0.99), max: at(1.0) }
+    }
+}
+
+impl Summary {
+    /// What follows mode and seed in a text: whether they are those of the run.
+    pub fn settings_note(&self) -> &'static str {
+        // The files of the nodes tell neither their configuration nor the size of their map.
+        if self.keyframes.is_some() { "" } else { " (as given to `report`)" }
     }
 }
 
