@@ -5,7 +5,7 @@
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use pfd_tests::{bundled_sequence, programs, repository};
 use serde_json::Value;
@@ -259,11 +259,10 @@ fn masks_of_an_earlier_run_do_not_count() {
 }
 
 /// Starts the program and waits until it says how far it is.
-fn start(arguments: &[&str]) -> Child {
-    let mut command = programs::pfd_slam().unwrap();
-    let mut child = command.args(arguments).stderr(Stdio::piped()).spawn().unwrap();
-    let mut line = [0];
-    child.stderr.as_mut().unwrap().read_exact(&mut line).unwrap();
+fn start(command: &mut Command) -> Child {
+    let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
+    let mut first = [0];
+    child.stderr.as_mut().unwrap().read_exact(&mut first).unwrap();
     child
 }
 
@@ -276,7 +275,7 @@ fn a_run_of_a_bench_that_was_killed_is_not_done() {
     let run = out.join("runs/room/none/0");
     assert_success(&pfd_slam(&[&bench[..], &["--max-frames", "2"]].concat()));
     assert!(run.join("source.txt").exists());
-    let mut child = start(&bench);
+    let mut child = start(programs::pfd_slam().unwrap().args(bench));
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(!run.join("source.txt").exists() && !run.join("report.json").exists());
@@ -412,13 +411,35 @@ fn a_bench_of_an_archive_goes_on_where_it_stopped() {
     std::fs::copy(bundled_sequence().join("calib.yaml"), sequence.join("calib.yaml")).unwrap();
     let archive = folder.path().join("room.tgz");
     let tar = ["czf", text(&archive), "-C", text(folder.path()), "room"];
-    assert!(std::process::Command::new("tar").args(tar).status().unwrap().success());
+    assert!(Command::new("tar").args(tar).status().unwrap().success());
     let out = folder.path().join("out");
     let bench = || {
         assert_success(&pfd_slam(&["bench", text(&archive), "--modes", "none", "--out", text(&out)]));
         out.join("runs/room/none/0/report.json").metadata().unwrap().modified().unwrap()
     };
     assert_eq!(bench(), bench(), "a finished run was run again");
+}
+
+#[test]
+fn a_signal_leaves_nothing_of_an_archive_behind() {
+    /// 128 and the number of the signal.
+    const STATUS: [(&str, i32); 2] = [("INT", 130), ("TERM", 143)];
+    let folder = tempfile::tempdir().unwrap();
+    let (archive, unpacked) = (folder.path().join("room.tgz"), folder.path().join("tmp"));
+    let bundled = bundled_sequence();
+    let tar = ["czf", text(&archive), "-C", text(bundled.parent().unwrap()), "composite-demo"];
+    assert!(Command::new("tar").args(tar).status().unwrap().success());
+    std::fs::create_dir(&unpacked).unwrap();
+    let run = ["run", text(&archive), "--out", text(&folder.path().join("out"))].map(str::to_owned);
+    let bench = ["bench", text(&archive), "--out", text(&folder.path().join("bench"))].map(str::to_owned);
+    for (arguments, (signal, status)) in [run, bench].iter().zip(STATUS) {
+        let mut child = start(programs::pfd_slam().unwrap().args(arguments).env("TMPDIR", &unpacked));
+        assert_eq!(std::fs::read_dir(&unpacked).unwrap().count(), 1);
+        let kill = [format!("-{signal}"), child.id().to_string()];
+        assert!(Command::new("kill").args(kill).status().unwrap().success());
+        assert_eq!(child.wait().unwrap().code(), Some(status));
+        assert_eq!(std::fs::read_dir(&unpacked).unwrap().count(), 0, "{arguments:?}");
+    }
 }
 
 #[test]
@@ -452,7 +473,7 @@ fn shipped_configurations_are_accepted() {
 /// evo's programs read our files and the ground truth as they are.
 #[test]
 fn evo_opens_our_trajectories() {
-    let evo = |program: &str| std::process::Command::new(program);
+    let evo = |program: &str| Command::new(program);
     if evo("evo_ape").arg("--help").output().is_err() {
         pfd_tests::skip("evo_ape is not in PATH (pip install evo)");
         return;

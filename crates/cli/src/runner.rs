@@ -12,7 +12,7 @@ use pfd_report::{FrameRow, Sample, Video};
 
 use crate::commands::eval_masks::{images_in, stem};
 use crate::progress::Progress;
-use crate::setup;
+use crate::{interrupt, setup};
 
 /// How many frames a report shows.
 pub(crate) const SAMPLES: usize = 8;
@@ -66,6 +66,7 @@ pub(crate) fn run(job: &Job<'_>, progress: &Progress) -> anyhow::Result<Outcome>
     let sampled = spread(job.frames(), SAMPLES);
     let mut outcome = Outcome::default();
     for (i, frame) in job.sequence.frames().take(job.frames()).enumerate() {
+        interrupt::check()?;
         progress.step();
         let pair = job.sequence.pair(i);
         let frame = match frame.and_then(|frame| fitting(job, pair, frame)) {

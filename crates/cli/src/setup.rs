@@ -9,6 +9,7 @@ use pfd_parameters::{NodeConfig, NodeName, ParameterTree, ReplayConfig, Value, l
 use pfd_pipeline::SlamConfig;
 
 use crate::arguments::{ConfigSource, SequenceArguments};
+use crate::interrupt;
 
 /// The node whose sections of a parameter file are read; it does in one process what the command line does.
 const NODE: &str = "slam_node";
@@ -18,7 +19,10 @@ const REPLAY: &str = "bag_replay_node";
 pub(crate) fn sequence(path: &Path, arguments: &SequenceArguments) -> anyhow::Result<Sequence> {
     let pairing = if arguments.one_to_one { Pairing::OneToOne } else { Pairing::Nearest };
     let options = Options { depth_offset: arguments.depth_offset, pairing, ..Options::default() };
-    Ok(Sequence::open_with(path, &options)?)
+    let sequence = Sequence::open_with(path, &options)?;
+    // Unpacking an archive takes long enough for somebody to lose patience.
+    interrupt::check()?;
+    Ok(sequence)
 }
 
 pub(crate) fn configuration(source: &ConfigSource) -> anyhow::Result<SlamConfig> {

@@ -18,9 +18,10 @@ use pfd_report::{FrameRow, Summary, frames};
 use crate::arguments::{BenchArguments, BenchMode, ConfigSource, SequenceArguments};
 use crate::commands::eval_masks;
 use crate::commands::report::samples;
+use crate::interrupt::Interrupted;
 use crate::progress::Progress;
 use crate::runner::{self, Job};
-use crate::{output, provenance, results, setup};
+use crate::{interrupt, output, provenance, results, setup};
 
 /// Folder of the true masks in a sequence.
 const TRUE_MASKS: &str = "mask";
@@ -30,6 +31,7 @@ const MODE: &str = "mode";
 const SOURCE: &str = "source.txt";
 
 pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<()> {
+    interrupt::watch()?;
     let plan = Plan::new(arguments)?;
     if let Some(file) = &arguments.into {
         // Whether it has a place for the summary is said before hours of work.
@@ -133,6 +135,9 @@ impl Plan {
         let work = || {
             while let Some(cell) = todo.get(next.fetch_add(1, Ordering::Relaxed)) {
                 if let Err(error) = self.run(*cell, &progress) {
+                    if error.is::<Interrupted>() {
+                        return;
+                    }
                     let failure = cell.failure(&error);
                     progress.note(&failure);
                     failures.lock().unwrap_or_else(std::sync::PoisonError::into_inner).push(failure);
@@ -145,6 +150,7 @@ impl Plan {
             }
         });
         progress.finish();
+        interrupt::check()?;
         Ok(failures.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 

@@ -10,9 +10,10 @@ use pfd_report::{FrameRow, RunPage, Sample, Summary, frames};
 
 use crate::arguments::ReportArguments;
 use crate::runner::{SAMPLES, caption};
-use crate::{results, setup};
+use crate::{interrupt, results, setup};
 
 pub(crate) fn run(arguments: &ReportArguments) -> anyhow::Result<()> {
+    interrupt::watch()?;
     let sequence = setup::sequence(&arguments.sequence, &arguments.reading)?;
     let config = setup::configuration(&arguments.config)?;
     let directory = &arguments.directory;

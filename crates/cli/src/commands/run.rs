@@ -5,9 +5,10 @@ use anyhow::Context;
 use crate::arguments::RunArguments;
 use crate::progress::Progress;
 use crate::runner::{self, Job};
-use crate::{results, setup};
+use crate::{interrupt, results, setup};
 
 pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<()> {
+    interrupt::watch()?;
     let sequence = setup::sequence(&arguments.sequence, &arguments.reading)?;
     let mut config = setup::configuration(&arguments.config)?;
     config.mode = arguments.mode.unwrap_or(config.mode);
