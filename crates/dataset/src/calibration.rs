@@ -26,8 +26,18 @@ pub struct Calibration {
     pub depth_factor: Option<f64>,
 }
 
-/// What begins with one of these is meant to describe lens or depth, and is not passed over.
-const NEVER_IGNORED: [(&str, &str); 2] = [("dist", "distortion"), ("depth", "depth_factor")];
+/// Names that other files have for what is read here. To ignore one would mean wrong depth or a lens that bends.
+const OTHER_NAMES: [(&str, &str); 9] = [
+    ("depth_scale", "depth_factor"),
+    ("depth_unit", "depth_factor"),
+    ("depth_units", "depth_factor"),
+    ("depth_map_factor", "depth_factor"),
+    ("distortion_coefficients", "distortion"),
+    ("distortion_coeffs", "distortion"),
+    ("dist_coeffs", "distortion"),
+    ("k1", "distortion"),
+    ("p1", "distortion"),
+];
 
 /// Keys of `calib.yaml`; keys that are not listed (frame rate, notes) are ignored, unless they look like a slip.
 #[derive(Deserialize)]
@@ -144,8 +154,8 @@ fn check_keys(text: &str) -> Result<(), String> {
     let keys: BTreeMap<String, IgnoredAny> =
         serde_saphyr::from_str(text).map_err(|e| e.without_snippet().to_string())?;
     for key in keys.keys().filter(|key| !File::KEYS.contains(&key.as_str())) {
-        let begins = NEVER_IGNORED.iter().find(|(prefix, _)| key.starts_with(prefix)).map(|(_, meant)| *meant);
-        if let Some(meant) = begins.or(spelling::similar(key, File::KEYS)) {
+        let other_name = OTHER_NAMES.iter().find(|(name, _)| name == key).map(|(_, meant)| *meant);
+        if let Some(meant) = other_name.or(spelling::similar(key, File::KEYS)) {
             return Err(format!("unknown key `{key}`: `{meant}` may be meant; rename it, or comment it out"));
         }
     }
@@ -212,7 +222,7 @@ mod tests {
 
     #[test]
     fn other_keys_are_ignored() {
-        let text = format!("{PINHOLE}notes: {{a: [1, 2]}}\nserial: 17\nexposure: auto\n1: one\n");
+        let text = format!("{PINHOLE}notes: {{a: [1, 2]}}\nserial: 17\nexposure: auto\ndepth_noise: 0.001\n1: one\n");
         assert_eq!(Calibration::parse(&text), Calibration::parse(PINHOLE));
         let text = "fx: 1\nfy: 1\ncx: 1\ncy: 1\ndistortion_model: none\ndistortion: [0, 0, 0, 0]\n";
         assert!(Calibration::parse(text).unwrap().distortion.is_zero());

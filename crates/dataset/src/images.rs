@@ -37,18 +37,24 @@ pub fn read_depth(path: &Path) -> Result<Image<u16>, DatasetError> {
     from_pixels(path, width, height, image.into_raw())
 }
 
-/// Reads an image with one channel of 8 bits whose values have a meaning, such as a true mask.
+/// Reads a grey image with 8 bits whose values have a meaning, such as a true mask; palettes and colour channels that are alike are grey
+/// as well.
 ///
 /// # Errors
 /// When the file cannot be read or decoded, or is of another kind: conversion would change the values.
 pub fn read_gray(path: &Path) -> Result<GrayImage, DatasetError> {
-    let image = match decode(path)? {
-        DynamicImage::ImageLuma8(image) => image,
-        other => {
-            let reason = format!("an image with one channel of 8 bits is expected, this one is {:?}", other.color());
-            return Err(DatasetError::Image { path: path.to_owned(), reason });
-        }
+    let decoded = decode(path)?;
+    let is_gray = match &decoded {
+        DynamicImage::ImageLuma8(_) | DynamicImage::ImageLumaA8(_) => true,
+        DynamicImage::ImageRgb8(image) => image.pixels().all(|p| p.0 == [p.0[0]; 3]),
+        DynamicImage::ImageRgba8(image) => image.pixels().all(|p| p.0[..3] == [p.0[0]; 3]),
+        _ => false,
     };
+    if !is_gray {
+        let reason = format!("a grey image with 8 bits is expected, this one is {:?}", decoded.color());
+        return Err(DatasetError::Image { path: path.to_owned(), reason });
+    }
+    let image = decoded.into_luma8();
     let (width, height) = image.dimensions();
     from_pixels(path, width, height, image.into_raw())
 }
@@ -131,13 +137,15 @@ mod tests {
         let masked = || read_mask(&path).unwrap().image().pixels().to_vec();
         image::ImageBuffer::from_fn(2, 1, |u, _| image::Luma([u as u16])).save(&path).unwrap();
         assert_eq!(masked(), [0, 255], "1 of 16 bits");
-        assert!(read_gray(&path).unwrap_err().to_string().contains("mask.png: an image with one channel of 8 bits"));
+        assert!(read_gray(&path).unwrap_err().to_string().contains("mask.png: a grey image with 8 bits"));
         image::ImageBuffer::from_fn(2, 1, |u, _| image::Rgba([0, 0, u as u8, 255])).save(&path).unwrap();
         assert_eq!(masked(), [0, 255], "faint blue");
         assert!(read_gray(&path).is_err());
         image::ImageBuffer::from_fn(2, 1, |u, _| image::Luma([u as u8])).save(&path).unwrap();
         assert_eq!(masked(), [0, 255]);
         assert_eq!(read_gray(&path).unwrap().pixels(), [0, 1]);
+        image::ImageBuffer::from_fn(2, 1, |u, _| image::Rgb([128 * u as u8; 3])).save(&path).unwrap();
+        assert_eq!(read_gray(&path).unwrap().pixels(), [0, 128], "grey in three channels");
     }
 
     #[test]
