@@ -57,10 +57,12 @@ impl MaskInput {
         let timeout = if self.queue == Queue::All { timeout.max(LOSSLESS_TIMEOUT) } else { timeout };
         let started = *self.started.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
         let is_published = self.is_published();
-        let deadline = match is_published {
-            true if self.masks.is_silent() => received,
-            true => received + timeout,
-            false => (received + timeout).min(started + DISCOVERY),
+        let deadline = if !is_published {
+            (received + timeout).min(started + DISCOVERY)
+        } else if self.masks.is_silent() {
+            received
+        } else {
+            received + timeout
         };
         let taken = self.masks.take(stamp, deadline);
         if is_published && taken == Taken::Missing {

@@ -93,15 +93,12 @@ impl Shared {
     fn load_map(&self, path: &Path) -> anyhow::Result<String> {
         // Held to the end: no tracker is made in between.
         let mut tracker = self.tracker();
-        let said = match tracker.as_mut() {
-            Some(tracker) => {
-                tracker.load_map(path)?;
-                path.display().to_string()
-            }
-            None => {
-                map_file::check(path)?;
-                format!("{}: will be loaded with the first frame", path.display())
-            }
+        let said = if let Some(tracker) = tracker.as_mut() {
+            tracker.load_map(path)?;
+            path.display().to_string()
+        } else {
+            map_file::check(path)?;
+            format!("{}: will be loaded with the first frame", path.display())
         };
         self.want_map(Some(path.to_owned()));
         Ok(said)
@@ -286,8 +283,9 @@ mod tests {
         std::fs::write(&path, "no map").unwrap();
         assert!(shared.load_map(&path).unwrap_err().to_string().contains("not a map"));
         assert_eq!(shared.wanted_map(), None);
-        let camera = pfd_geometry::Camera::new((64, 48), [60.0, 60.0, 31.5, 23.5], Default::default()).unwrap();
-        Tracker::new(camera, &Default::default(), 0).unwrap().snapshot().save(&path).unwrap();
+        let camera =
+            pfd_geometry::Camera::new((64, 48), [60.0, 60.0, 31.5, 23.5], pfd_geometry::Distortion::default()).unwrap();
+        Tracker::new(camera, &pfd_tracking::TrackingConfig::default(), 0).unwrap().snapshot().save(&path).unwrap();
         assert!(shared.load_map(&path).unwrap().contains("first frame"));
         assert_eq!(shared.wanted_map().as_deref(), Some(path.as_path()));
         shared.want_map(None);

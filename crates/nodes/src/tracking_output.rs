@@ -80,6 +80,7 @@ impl FrameNames {
     }
 
     /// What is known of the frames when time was set back and a new map begins.
+    #[must_use]
     pub fn restarted(&self) -> Self {
         Self { deadline: self.deadline, ..Self::default() }
     }

@@ -15,10 +15,8 @@ pub fn camera_from_info(info: &CameraInfo, rectified: bool) -> Result<Camera, Co
     check_whole(info)?;
     let size = (info.width as usize, info.height as usize);
     let ([fx, _, cx, _, fy, cy, ..], [px, _, pcx, _, _, py, pcy, ..]) = (info.k, info.p);
-    let (intrinsics, distortion) = match rectified {
-        true => ([px, py, pcx, pcy], Distortion::default()),
-        false => ([fx, fy, cx, cy], distortion(info)?),
-    };
+    let (intrinsics, distortion) =
+        if rectified { ([px, py, pcx, pcy], Distortion::default()) } else { ([fx, fy, cx, cy], distortion(info)?) };
     Camera::new(size, intrinsics, distortion).map_err(|e| ConvertError::Camera(e.to_string()))
 }
 
