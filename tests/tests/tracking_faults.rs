@@ -160,6 +160,19 @@ fn a_mask_that_covers_nearly_everything_does_not_keep_a_lost_camera_lost() {
     assert!(states[..10].contains(&TrackingState::Relocalized), "{states:?}");
 }
 
+#[test]
+fn a_map_that_begins_with_a_bad_image_begins_anew() {
+    let mut run = Run::new();
+    // Colour and depth do not belong together, as when a camera starts up.
+    let (depth, rgb) = (run.frame(0), run.frame(100));
+    let odd = RgbdFrame::new(depth.stamp(), rgb.rgb().clone(), depth.depth().clone()).unwrap();
+    assert_eq!(run.track(&odd, None).state, TrackingState::Ok);
+    run.live.clear();
+    let states = run.play(1..40);
+    assert!(states.iter().all(|s| *s == TrackingState::Ok), "{states:?}");
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
 /// How far odometry jumps when the map begins anew at frame 31, and the first pose in it.
 fn jump_of_odometry(begin_anew: impl FnOnce(&mut Tracker)) -> (f64, Option<pfd_geometry::Pose>) {
     let mut run = Run::new();

@@ -343,7 +343,7 @@ impl Tracker {
         Localized { T_camera_world: known.T_camera_world, covariance: known.covariance, ..found }
     }
 
-    /// Starts the map from a frame with enough depth. The first camera is the origin of the world. Unless its mask knew what moves,
+    /// Starts the map from a frame with enough depth; without, nothing changes. The first camera is the origin of the world. Unless its mask knew what moves,
     /// the map is judged again later.
     fn initialize(&mut self, candidate: Candidate<'_>) -> bool {
         let unknown = !candidate.mask.is_some_and(|mask| mask.fraction() > 0.0);
@@ -394,14 +394,20 @@ impl Tracker {
     }
 
     /// The camera is lost. When it has been so for long in view of something, a new segment of the map starts at the last known
-    /// pose. Returns whether the frame became a keyframe.
+    /// pose. A map that does not hold the frames right after its first began with a bad image, and begins anew. Returns whether the
+    /// frame became a keyframe.
     fn lose(&mut self, candidate: Candidate<'_>) -> bool {
         self.state = TrackingState::Lost;
-        self.first_frames = None;
+        let has_just_begun = self.first_frames.take().is_some();
         let stamp = candidate.frame.stamp();
         if candidate.features.with_depth() < self.config.pose.min_initial_points {
             self.lost_since = None;
             return false;
+        }
+        if has_just_begun {
+            self.T_odom_start = self.T_odom_now();
+            self.mapper.clear();
+            return self.initialize(candidate);
         }
         let since = *self.lost_since.get_or_insert(stamp);
         let Some(active) = &self.active else { return false };

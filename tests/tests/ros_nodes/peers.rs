@@ -2,7 +2,7 @@
 
 use crate::support::{Node, own_messages, peer_python, replay, run_peer, slam};
 use pfd_tests::domain::Domain;
-use pfd_tests::programs;
+use pfd_tests::{bundled_sequence, programs};
 use serde_json::Value;
 
 /// How long the peers' cameras run, seconds.
@@ -103,6 +103,26 @@ fn a_node_that_is_stopped_says_goodbye() {
     let node = programs::binary("slam_node").unwrap();
     let report = run_peer(&python, "ros_goodbye.py", &domain, &[node.to_str().unwrap()], &[]).unwrap();
     assert_eq!(report, serde_json::json!({"seen": true, "gone": true, "exit": 0}));
+}
+
+#[test]
+fn a_camera_with_two_clocks_is_named_and_one_that_changes_leaves_the_odometry_where_it_is() {
+    let Some(python) = peer_python("jazzy") else { return };
+    let (folder, domain) = (tempfile::tempdir().unwrap(), Domain::reserve().unwrap());
+    let mut node = Node::start("slam_node", &domain, folder.path(), &[]).unwrap();
+    let sequence = bundled_sequence();
+    let report = run_peer(&python, "ros_odd_camera.py", &domain, &[sequence.to_str().unwrap()], &[]).unwrap();
+    node.stop("INT").unwrap();
+    assert!(report["skewed"].as_str().is_some_and(|said| said.contains("differ by -5.0")), "{report}");
+    assert_eq!(report["poses_while_skewed"], 0, "{report}");
+    let position = |when: &str| {
+        let coordinates = report[when].as_array().unwrap().iter().filter_map(Value::as_f64);
+        nalgebra::Vector3::from_iterator(coordinates)
+    };
+    let (before, after) = (position("before"), position("after"));
+    // A second and a half lie between the two, in which no image was taken but the first of the new size.
+    assert!(before.norm() > 0.1 && (after - before).norm() < 0.5 * before.norm(), "{report}\n{}", node.log());
+    assert!(report["poses_after"].as_u64().unwrap() > 10, "{report}\n{}", node.log());
 }
 
 #[test]
