@@ -37,7 +37,8 @@ impl Settings {
         let mut tree = ParameterTree::read(files, node, overrides)?;
         let mut shared = tree.clone();
         let slam = tree.take()?;
-        let node = tree.take()?;
+        let node: NodeConfig = tree.take()?;
+        node.check_frames()?;
         // `qos` and `network` are parameters of both kinds of nodes.
         tree.check::<ReplayConfig>()?;
         tree.finish()?;
@@ -158,6 +159,10 @@ mod tests {
         assert!(read.replay.rate.abs() < 1e-12 && (read.node.mask_timeout - 1.0).abs() < 1e-12);
         assert_eq!(read.slam.seed, SlamConfig::default().seed);
         assert!(settings("--ros-args -p nonsense:=1").is_err());
+        let twice = settings("--ros-args -p odom_frame:=map").unwrap_err().to_string();
+        assert!(twice.contains("map_frame and odom_frame are both `map`"), "{twice}");
+        let nameless = settings("--ros-args -p base_frame:=''").unwrap_err().to_string();
+        assert!(nameless.contains("base_frame is empty"), "{nameless}");
     }
 
     #[test]

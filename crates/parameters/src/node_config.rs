@@ -3,6 +3,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::ParameterError;
+
 /// Reliability of image topics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -93,6 +95,27 @@ pub struct NodeConfig {
     pub frames_file: String,
     /// Folder that receives the masks as `<stamp>.png`; empty for none.
     pub mask_directory: String,
+}
+
+impl NodeConfig {
+    /// Whether the frames make a tree: tf2 refuses every transform from a frame to itself, and every one without a name.
+    ///
+    /// # Errors
+    /// [`ParameterError::Inconsistent`] that names the parameters.
+    pub fn check_frames(&self) -> Result<(), ParameterError> {
+        let frames =
+            [("map_frame", &self.map_frame), ("odom_frame", &self.odom_frame), ("base_frame", &self.base_frame)];
+        for (i, (name, frame)) in frames.iter().enumerate() {
+            if frame.is_empty() {
+                return Err(ParameterError::Inconsistent(format!("{name} is empty")));
+            }
+            if let Some((other, _)) = frames[..i].iter().find(|(_, earlier)| earlier == frame) {
+                let reason = format!("{other} and {name} are both `{frame}`: each needs a name of its own");
+                return Err(ParameterError::Inconsistent(reason));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Default for NodeConfig {
