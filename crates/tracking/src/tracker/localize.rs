@@ -51,7 +51,7 @@ impl Tracker {
         Ok(())
     }
 
-    /// Makes the most of a pose that was found: see [`Refinement`].
+    /// Makes the most of a pose that was found: see [`Refinement`](crate::refinement::Refinement).
     #[allow(non_snake_case)]
     pub(super) fn refine(&mut self, features: &mut ImageFeatures, found: Localized) -> Localized {
         let Some(active) = &self.active else { return found };
