@@ -11,6 +11,8 @@ import random
 import sys
 import time
 
+import tum
+
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 RATE = 30.0
 TUM_DEPTH_TO_MM = 5.0
@@ -47,7 +49,7 @@ class Frames:
         depth = listed("depth.txt")
         nearest = lambda stamp: min(depth, key=lambda d: abs(d[0] - stamp))[1]
         self.pairs = [(message(rgb, "rgb8"), message(nearest(stamp), "16UC1")) for stamp, rgb in listed("rgb.txt")]
-        calibration = dict(line.split("#")[0].split(":") for line in (sequence / "calib.yaml").read_text().splitlines() if ":" in line)
+        calibration = tum.calibration(sequence)
         fx, fy, cx, cy = (float(calibration[k]) for k in ("fx", "fy", "cx", "cy"))
         rgb = self.pairs[0][0]
         self.info = CameraInfo(height=rgb.height, width=rgb.width, distortion_model="plumb_bob", d=json.loads(calibration["distortion"]),
@@ -61,10 +63,14 @@ class Frames:
 
 
 class Camera:
+    depth_lag = 0  # seconds by which the stamps of depth are behind
+
     def __init__(self, node, frames, reliability):
+        from builtin_interfaces.msg import Time
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from sensor_msgs.msg import CameraInfo, Image
 
+        self.time = Time
         qos = QoSProfile(depth=5, reliability=ReliabilityPolicy[reliability.upper()])
         self.node, self.frames = node, frames
         self.publishers = [node.create_publisher(kind, topic, qos)
@@ -73,8 +79,9 @@ class Camera:
     def publish(self, i):
         """Publishes frame `i` and returns its stamp."""
         stamp = self.node.get_clock().now().to_msg()
-        for publisher, message in zip(self.publishers, (self.frames.info, *self.frames[i])):
-            message.header.stamp = stamp
+        behind = self.time(sec=stamp.sec - self.depth_lag, nanosec=stamp.nanosec)
+        for publisher, message, own in zip(self.publishers, (self.frames.info, *self.frames[i]), (stamp, stamp, behind)):
+            message.header.stamp = own
             message.header.frame_id = "camera_optical"
             publisher.publish(message)
         return stamp.sec, stamp.nanosec

@@ -15,7 +15,6 @@ import time
 
 import numpy as np
 import rclpy
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 
@@ -26,25 +25,12 @@ SKEWED, WHOLE, HALVED = 5.0, 2.5, 3.0  # seconds of each part
 PAUSE = 1.0  # seconds in which what was sent is worked on
 
 
-class OddCamera(Camera):
-    """A camera of which depth is `lag` seconds behind."""
-
-    lag = 0
-
-    def publish(self, i):
-        stamp = self.node.get_clock().now().to_msg()
-        stamps = (stamp, stamp, Time(sec=stamp.sec - self.lag, nanosec=stamp.nanosec))
-        for publisher, message, own in zip(self.publishers, (self.frames.info, *self.frames[i]), stamps):
-            message.header.stamp = own
-            message.header.frame_id = "camera_optical"
-            publisher.publish(message)
-
-    def play(self, first, seconds):
-        begun = time.monotonic()
-        for i in range(int(seconds * RATE)):
-            time.sleep(max(0.0, begun + i / RATE - time.monotonic()))
-            self.publish(first + i)
-        time.sleep(PAUSE)
+def play(camera, first, seconds):
+    begun = time.monotonic()
+    for i in range(int(seconds * RATE)):
+        time.sleep(max(0.0, begun + i / RATE - time.monotonic()))
+        camera.publish(first + i)
+    time.sleep(PAUSE)
 
 
 def halved(frames):
@@ -73,16 +59,16 @@ def main():
     node.create_subscription(DiagnosticArray, "/diagnostics", listen, 10)
     node.create_subscription(Odometry, "odometry", lambda m: places.append(m.pose.pose.position), 100)
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()
-    camera = OddCamera(node, frames, "best_effort")
-    camera.lag = LAG
+    camera = Camera(node, frames, "best_effort")
+    camera.depth_lag = LAG
     time.sleep(PAUSE)
-    camera.play(0, SKEWED)
+    play(camera, 0, SKEWED)
     differences = [message for message in said if "stamps differ" in message]
     report = {"skewed": differences[-1] if differences else said[-1:], "poses_while_skewed": len(places)}
-    camera.lag = 0
-    camera.play(0, WHOLE)
+    camera.depth_lag = 0
+    play(camera, 0, WHOLE)
     before, camera.frames = len(places), small
-    camera.play(int(WHOLE * RATE), HALVED)
+    play(camera, int(WHOLE * RATE), HALVED)
     position = lambda place: [place.x, place.y, place.z]
     report["before"] = position(places[before - 1]) if before else None
     report["after"] = position(places[before]) if len(places) > before else None

@@ -161,8 +161,9 @@ mod tests {
         assert!(settings("--ros-args -p nonsense:=1").is_err());
         let twice = settings("--ros-args -p odom_frame:=map").unwrap_err().to_string();
         assert!(twice.contains("map_frame and odom_frame are both `map`"), "{twice}");
-        let nameless = settings("--ros-args -p base_frame:=''").unwrap_err().to_string();
-        assert!(nameless.contains("base_frame is empty"), "{nameless}");
+        let nameless = settings("--ros-args -p odom_frame:=''").unwrap_err().to_string();
+        assert!(nameless.contains("odom_frame is empty"), "{nameless}");
+        assert!(settings("--ros-args -p base_frame:=''").is_ok());
     }
 
     #[test]

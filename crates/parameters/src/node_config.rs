@@ -98,7 +98,8 @@ pub struct NodeConfig {
 }
 
 impl NodeConfig {
-    /// Whether the frames make a tree: tf2 refuses every transform from a frame to itself, and every one without a name.
+    /// Whether the frames make a tree: tf2 refuses every transform from a frame to itself, and every one without a name. For a base that
+    /// is not there, and so for none, another frame stands in.
     ///
     /// # Errors
     /// [`ParameterError::Inconsistent`] that names the parameters.
@@ -106,7 +107,7 @@ impl NodeConfig {
         let frames =
             [("map_frame", &self.map_frame), ("odom_frame", &self.odom_frame), ("base_frame", &self.base_frame)];
         for (i, (name, frame)) in frames.iter().enumerate() {
-            if frame.is_empty() {
+            if frame.is_empty() && *name != "base_frame" {
                 return Err(ParameterError::Inconsistent(format!("{name} is empty")));
             }
             if let Some((other, _)) = frames[..i].iter().find(|(_, earlier)| earlier == frame) {

@@ -81,8 +81,6 @@ fn evaluate(path: &Path, use_masks: bool, config: &TrackingConfig, seed: u64, st
 }
 
 fn read_mask(sequence: &Path, rgb: &Path) -> Mask {
-    let name = rgb.file_stem().unwrap().to_string_lossy().into_owned() + ".png";
-    let image = image::open(sequence.join("mask").join(name)).unwrap().to_luma8();
-    let (width, height) = image.dimensions();
-    Mask::from_image(pfd_geometry::Image::from_vec(width as usize, height as usize, image.into_raw()).unwrap())
+    let name = rgb.with_extension("png");
+    pfd_dataset::images::read_mask(&sequence.join("mask").join(name.file_name().unwrap())).unwrap()
 }

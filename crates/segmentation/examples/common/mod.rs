@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::Result;
-use pfd_geometry::{Camera, Distortion, GrayImage, Image, RgbdFrame};
+use pfd_dataset::images;
+use pfd_geometry::{Camera, Distortion, GrayImage, RgbdFrame};
 
 /// A camera for sequences without calibration.
 pub(crate) fn guess_camera(frame: &RgbdFrame) -> Result<Camera> {
@@ -19,7 +20,7 @@ pub(crate) fn truth_of(folder: &Path, rgb: &Path, size: (usize, usize)) -> Resul
     if !path.exists() {
         return Ok(None);
     }
-    let image = image::open(&path)?.into_luma8();
-    anyhow::ensure!((image.width() as usize, image.height() as usize) == size, "{}: wrong size", path.display());
-    Ok(Some(Image::from_vec(size.0, size.1, image.into_raw())?))
+    let truth = images::read_gray(&path)?;
+    anyhow::ensure!(truth.size() == size, "{}: wrong size", path.display());
+    Ok(Some(truth))
 }
