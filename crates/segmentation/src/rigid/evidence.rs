@@ -32,7 +32,7 @@ const EDGE: f32 = 0.05;
 const RELATIVE_ERROR: f32 = 0.015;
 /// The surface lies behind what was there: the background that something uncovered.
 const UNCOVERED: f32 = 0.15;
-/// Other luma than the static model, where depth is missing.
+/// Other luma than the static model, where depth is missing or the same.
 const OTHER_LUMA: f32 = 0.4;
 /// The same luma there: many a mover is as bright as what it hides.
 const SAME_LUMA: f32 = 0.2;
@@ -49,6 +49,9 @@ const TEXTURE_NOISE: f32 = 4.0;
 const STRONG_GRADIENT: f32 = 12.0;
 /// Luma difference (grey levels) that a static surface shows by shadows of movers and exposure.
 const LUMA_TOLERANCE: f32 = 20.0;
+/// How many times darker than the static model a shadow can make a surface, in grey levels: by the usual gamma of 2.2 it then has a third of
+/// the light. What is darker still, or brighter by as much where a shadow has left, is another surface in the same place.
+const DEEPEST_SHADOW: f32 = 1.6;
 /// Confirmations from which a point of the static model is certain.
 const SURE_HITS: f32 = 10.0;
 
@@ -62,7 +65,7 @@ pub(crate) enum Cue {
     FreeSpace,
     /// Stands before the static model.
     BeforeModel,
-    /// Has no depth and other luma than the static model.
+    /// Has other luma than the static model, and no depth or the same.
     OtherLuma,
     /// Corners move on their own.
     OwnMotion,
@@ -97,7 +100,8 @@ pub(crate) struct Field {
     pub(crate) explained: Vec<f32>,
     /// How surely the pixel stands before the static model, 0 to 1.
     pub(crate) intruding: Vec<f32>,
-    /// Whether a pixel is other than the static model: by depth where the model is certain, by luma where depth is missing.
+    /// Whether a pixel is other than the static model: by depth or much other luma where the model is certain, by luma where depth is
+    /// missing.
     pub(crate) changed: Vec<Option<bool>>,
     /// Weight of each [`Cue`] per working pixel, before diffusion.
     pub(crate) cues: Vec<[f32; Cue::COUNT]>,
@@ -161,6 +165,8 @@ pub(crate) struct Scene<'a> {
     pub(crate) camera: &'a Pinhole,
     /// Ray through each pixel.
     pub(crate) rays: &'a [[f32; 2]],
+    /// Whether each pixel lies within the camera image.
+    pub(crate) inside: &'a [bool],
     pub(crate) noise: &'a DepthNoise,
     pub(crate) frame: &'a ViewFrame,
     pub(crate) appearance: &'a Appearance,
@@ -254,7 +260,7 @@ impl Scene<'_> {
                 let measured = self.frame.depth.pixels()[i];
                 let has_depth = self.is_usable(measured);
                 let z = if has_depth { measured } else { self.filled[i] };
-                if z > 0.0 {
+                if z > 0.0 && self.inside[i] {
                     let _ = earlier.iter().any(|e| self.compare_pixel(i, (z, has_depth), e, field));
                 }
             }
@@ -265,7 +271,7 @@ impl Scene<'_> {
     #[inline]
     fn compare_pixel(&self, i: usize, (z, has_depth): (f32, bool), earlier: &Earlier<'_>, field: &mut Field) -> bool {
         let Some((p, z)) = earlier.warp.apply(self.camera, self.rays[i], z) else { return false };
-        let Some(j) = self.camera.nearest(p) else { return false };
+        let Some(j) = self.camera.nearest(p).filter(|&j| self.inside[j]) else { return false };
         let (near, far) = (earlier.appearance.near.pixels()[j], earlier.appearance.far.pixels()[j]);
         if has_depth && near > 0.0 {
             match self.relation(z, [near, far], earlier.shift) {
@@ -327,7 +333,7 @@ impl Scene<'_> {
     pub(crate) fn compare_model(&self, model: &[ModelPoint], [near, far]: [&[f32]; 2], shift: f32, field: &mut Field) {
         let offset = self.luma_offset(model);
         for (i, &z) in self.frame.depth.pixels().iter().enumerate() {
-            if near[i] <= 0.0 || !model[i].is_believed() {
+            if near[i] <= 0.0 || !model[i].is_believed() || !self.inside[i] {
                 continue;
             }
             if !self.is_usable(z) {
@@ -341,6 +347,10 @@ impl Scene<'_> {
                     field.changed[i] = (certainty > CERTAIN).then_some(true);
                     field.insist(i, Cue::BeforeModel, BEFORE_MODEL);
                 }
+                Relation::Same if self.is_other_surface(i, model[i].gray + offset) => {
+                    field.changed[i] = (certainty > CERTAIN).then_some(true);
+                    field.observe(i, Cue::OtherLuma, OTHER_LUMA * certainty);
+                }
                 Relation::Same => {
                     field.explained[i] = certainty;
                     field.changed[i] = (certainty > CERTAIN).then_some(false);
@@ -351,6 +361,13 @@ impl Scene<'_> {
                 Relation::Farther => field.add_static(i, UNCOVERED),
             }
         }
+    }
+
+    /// Whether a pixel where the static model expects the luma `expected` shows another surface: no shadow that falls on it or leaves it, nor
+    /// a slip of twice the uncertainty of the warp explains its own.
+    fn is_other_surface(&self, i: usize, expected: f32) -> bool {
+        let (now, then) = (f32::from(self.frame.gray.pixels()[i]), expected.max(0.0));
+        now.max(then) > DEEPEST_SHADOW * now.min(then) + LUMA_TOLERANCE + 2.0 * self.gradient[i]
     }
 
     fn compare_luma(&self, i: usize, point: &ModelPoint, offset: f32, field: &mut Field) {
@@ -476,6 +493,7 @@ mod tests {
         let frame = ViewFrame { gray: now.gray.clone(), depth: now.far.clone() };
         let rays: Vec<_> = (0..CAMERA.pixels()).map(|i| CAMERA.ray(i)).collect();
         let scene = Scene {
+            inside: &vec![true; CAMERA.pixels()],
             camera: &CAMERA,
             rays: &rays,
             noise: &DepthNoise::default(),
@@ -516,6 +534,34 @@ mod tests {
         let mut now = wall(false, [0.0, 117.0]);
         now.gray.pixels_mut()[..400].fill(250);
         learn(&now, &wall(false, [0.0, 100.0]), |scene, earlier| assert_eq!(scene.exposure_since(earlier), 17.0));
+    }
+
+    /// Pixels of half a wall that the static model knows on which luma is other when it goes from `before` to `now`.
+    fn other_luma(before: f32, now: f32) -> usize {
+        let look = wall(false, [0.0, now]);
+        learn(&look, &look, |scene, _| {
+            let mut field = Field::default();
+            field.clear(CAMERA.pixels());
+            // All else has stayed as it was, so that exposure has.
+            let half = CAMERA.pixels() / 2;
+            let point = |i: usize| ModelPoint {
+                position: CAMERA.unproject((i % CAMERA.width) as f32, (i / CAMERA.width) as f32, 2.0),
+                gray: if i < half { before } else { now },
+                hits: 10.0,
+            };
+            let model: Vec<ModelPoint> = (0..CAMERA.pixels()).map(point).collect();
+            let depth = vec![2.0; CAMERA.pixels()];
+            scene.compare_model(&model, [&depth, &depth], 0.0, &mut field);
+            assert!((0..half).all(|i| (field.changed[i] == Some(true)) == (field.explained[i] == 0.0)));
+            field.cues[..half].iter().filter(|c| c[Cue::OtherLuma as usize] == OTHER_LUMA).count()
+        })
+    }
+
+    #[test]
+    fn a_shadow_is_no_other_surface_and_what_is_darker_still_is_one() {
+        assert_eq!([other_luma(200.0, 200.0), other_luma(200.0, 130.0), other_luma(130.0, 200.0)], [0; 3]);
+        assert_eq!([other_luma(200.0, 60.0), other_luma(60.0, 200.0)], [CAMERA.pixels() / 2; 2]);
+        assert_eq!(other_luma(25.0, 5.0), 0, "noise of a dark surface");
     }
 
     #[test]

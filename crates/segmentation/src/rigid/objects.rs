@@ -18,6 +18,8 @@ pub(crate) struct Object {
     pub(crate) velocity: [f32; 2],
     /// Time of the last motion seen, seconds.
     pub(crate) last_motion: f64,
+    /// Whether depth was measured on it at some time since it is what it is.
+    pub(crate) measured: bool,
     /// How well established it is, 0 to 1: what was seen to move for long is remembered for long.
     pub(crate) confidence: f32,
     /// Recent mean evidence of motion per pixel: how lively it is now.
@@ -122,6 +124,8 @@ const HOLD_WEIGHT: f32 = 0.3;
 const MOVING_SHARE: f32 = 0.005;
 /// Confidence gained per frame at most: an object is established after a third of a second.
 const MAX_GAIN: f32 = 0.1;
+/// Share of an object's pixels that depth is measured on, below which it counts as not measured.
+const MEASURED_SHARE: f32 = 0.2;
 /// Confidence lost per frame: a second without motion takes a third of it.
 const FORGETTING: f32 = 0.01;
 
@@ -263,6 +267,19 @@ impl Objects {
         self.list.retain(|object| !object.pixels.is_empty());
     }
 
+    /// For each label whether its object goes on without depth: hardly anything of it is measured in `depth`, but that was once other. What
+    /// parts from an object where nothing is measured is no such object: it may be a dark thing that a mover has passed.
+    pub(crate) fn mark_unmeasured(&mut self, depth: &[f32]) -> Vec<bool> {
+        let mut unmeasured = vec![false; self.list.iter().map(|o| o.label as usize + 1).max().unwrap_or(1)];
+        for object in &mut self.list {
+            let measured = object.pixels.iter().filter(|&&i| depth[i as usize] > 0.0).count();
+            let is_measured = measured as f32 > MEASURED_SHARE * object.pixels.len() as f32;
+            object.measured |= is_measured;
+            unmeasured[object.label as usize] = object.measured && !is_measured;
+        }
+        unmeasured
+    }
+
     /// Removes and returns the objects for which `rested` holds.
     pub(crate) fn release(&mut self, rested: impl Fn(&Object) -> bool) -> Vec<Object> {
         let (out, keep) = std::mem::take(&mut self.list).into_iter().partition(|o| rested(o));
@@ -326,6 +343,7 @@ impl Objects {
             pixels: c.pixels,
             velocity: old.map_or([0.0; 2], |o| o.velocity),
             last_motion,
+            measured: matches!(origin, Origin::Same(m) if self.list[m].measured),
             confidence,
             peak: old.map_or(0.0, |o| o.peak).max(confidence),
         }
@@ -380,6 +398,24 @@ mod tests {
         assert_eq!((small.peak, small.last_motion), (whole.peak, whole.last_motion));
         assert!(new.peak < whole.peak && new.last_motion == 2.0);
         assert!(small.id != large.id && small.id != new.id);
+    }
+
+    #[test]
+    fn an_object_goes_on_without_depth_if_it_had_some_and_what_parts_from_it_then_does_not() {
+        let camera = Pinhole { width: 10, height: 2, fx: 10.0, fy: 10.0, cx: 4.5, cy: 0.5 };
+        let component = |pixels: std::ops::Range<u32>| Component { pixels: pixels.collect() };
+        let mut objects = Objects::default();
+        objects.clear(20);
+        let mut step = |components: Vec<Component>, depth: [f32; 20]| {
+            objects.carry(&camera, &depth, &depth, 0.03);
+            objects.update(components, &[1.0; 20], 1.0);
+            let unmeasured = objects.mark_unmeasured(&depth);
+            objects.list.iter().map(|o| unmeasured[o.label as usize]).collect::<Vec<_>>()
+        };
+        assert_eq!(step(vec![component(0..9)], [0.0; 20]), [false], "it never had any");
+        assert_eq!(step(vec![component(0..9)], [1.0; 20]), [false]);
+        assert_eq!(step(vec![component(0..9)], [0.0; 20]), [true]);
+        assert_eq!(step(vec![component(0..5), component(6..9)], [0.0; 20]), [true, false]);
     }
 
     #[test]

@@ -35,6 +35,11 @@ impl ModelPoint {
         self.hits >= MIN_HITS
     }
 
+    /// Takes in a luma value by a share of `rate`.
+    fn see(&mut self, gray: f32, rate: f32) {
+        self.gray += (gray - self.gray) * rate;
+    }
+
     /// Whether a surface is known here.
     pub(crate) fn is_known(&self) -> bool {
         self.position[2] > 0.0
@@ -47,6 +52,9 @@ const MIN_HITS: f32 = 3.0;
 pub(crate) const MAX_HITS: f32 = 30.0;
 /// Weight of a new luma value: follows exposure drift within a few frames.
 const GRAY_RATE: f32 = 0.3;
+/// The same where nothing is measured: a screen, say, is seen in front of what the model holds there, and would look other for ever. A
+/// mover that has not been found yet must not become what is expected before it is.
+const UNMEASURED_GRAY_RATE: f32 = 0.1;
 /// Points that come closer than this (metres) leave the model.
 const MIN_Z: f32 = 0.1;
 
@@ -119,8 +127,8 @@ impl StaticModel {
         std::mem::swap(&mut self.points, &mut self.spare);
     }
 
-    /// Takes in a frame. Pixels outside the `dynamic` mask (0 there) confirm the model or contradict it; those inside only clear
-    /// what they see through. Depths differ from `significance` standard deviations on.
+    /// Takes in a frame. Pixels outside the `dynamic` mask (0 there) confirm the model or contradict it, by luma alone where depth is
+    /// missing; those inside only clear what they see through. Depths differ from `significance` standard deviations on.
     pub(crate) fn observe(
         &mut self,
         camera: &Pinhole,
@@ -130,6 +138,9 @@ impl StaticModel {
     ) {
         for (i, &z) in frame.depth.pixels().iter().enumerate() {
             if !noise.is_usable(f64::from(z)) {
+                if dynamic[i] == 0 {
+                    self.points.pixels_mut()[i].see(f32::from(frame.gray.pixels()[i]), UNMEASURED_GRAY_RATE);
+                }
                 continue;
             }
             let known = self.points.pixels()[i];
@@ -161,7 +172,7 @@ impl StaticModel {
         for (p, q) in point.position.iter_mut().zip(position) {
             *p += (q - *p) * share;
         }
-        point.gray += (gray - point.gray) * GRAY_RATE.max(share);
+        point.see(gray, GRAY_RATE.max(share));
         point.hits = (point.hits + 1.0).min(MAX_HITS);
     }
 
@@ -327,6 +338,25 @@ mod tests {
         assert_eq!(model.points()[5].position[2], 1.0);
         (0..20).for_each(|_| model.contradict(5, [0.0, 0.0, 2.0], 100.0));
         assert_eq!(model.points()[5].position[2], 2.0);
+    }
+
+    #[test]
+    fn luma_is_seen_where_nothing_is_measured_but_not_that_of_a_mover() {
+        let seen = |dynamic: u8, z: f32, frames: usize| {
+            let mut model = StaticModel::new(&CAMERA);
+            let frame = ViewFrame {
+                gray: Image::filled(CAMERA.width, CAMERA.height, 20),
+                depth: Image::filled(CAMERA.width, CAMERA.height, z),
+            };
+            (0..10).for_each(|_| model.confirm(5, CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
+            let dynamic = vec![dynamic; CAMERA.pixels()];
+            (0..frames).for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, &dynamic));
+            model.points()[5].gray
+        };
+        assert!((90.0..95.0).contains(&seen(0, 0.0, 1)), "a mover that has not been found yet is not learned at once");
+        assert!(seen(0, 0.0, 60) < 21.0);
+        assert_eq!(seen(255, 0.0, 60), 100.0);
+        assert!(seen(0, 2.0, 1) < 80.0, "where depth agrees it is followed fast");
     }
 
     #[test]

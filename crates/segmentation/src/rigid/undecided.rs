@@ -22,6 +22,8 @@ const NEAR: f32 = 0.6;
 const NEAR_SHARE: f32 = 0.2;
 /// Log-odds below which a pixel without depth that looks no other than the static model is the background's.
 const CLEARLY_STATIC: f32 = -1.0;
+/// Log-odds above which such a pixel that looks other than the static model is the object's, if nothing of that is measured.
+const CLEARLY_DYNAMIC: f32 = 1.0;
 /// Distance at which a pixel without depth stands from what it was found to be, if such an object's or clearly static: that of a step of
 /// sixty grey levels.
 const AS_FOUND: f32 = 30.0;
@@ -30,6 +32,17 @@ const AS_FOUND: f32 = 30.0;
 const RIM: usize = 3;
 /// Distance at which such a pixel stands from the label that depth gave it: that of a step of eighty grey levels.
 const BY_DEPTH: f32 = 40.0;
+
+/// What else is known of each pixel and object.
+#[derive(Clone, Copy)]
+pub(crate) struct Findings<'a> {
+    /// Log-odds of motion per pixel.
+    pub(crate) odds: &'a [f32],
+    /// Whether a pixel is other than in the static scene, where that is known.
+    pub(crate) changed: &'a [Option<bool>],
+    /// For each label whether its object goes on without depth.
+    pub(crate) unmeasured: &'a [bool],
+}
 
 /// Labels of pixels that depth does not decide.
 #[derive(Debug, Default)]
@@ -47,16 +60,16 @@ pub(crate) struct Undecided {
 }
 
 impl Undecided {
-    /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. `changed` says
-    /// whether a pixel is other than in the static scene, where that is known. Along outlines the label given counts as well, and
-    /// so does that of pixels without depth where an object is too near to be measured, or where the log-`odds` of motion are low.
-    /// Without `outlines` all measured pixels keep their labels.
+    /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. Along outlines the
+    /// label given counts as well, and so does that of pixels without depth where an object is too near to be measured, where the odds of
+    /// motion are low, or where they are high and the object is unmeasured: no pixel of it could give them its label. Without `outlines` all
+    /// measured pixels keep their labels.
     pub(crate) fn assign(
         &mut self,
         camera: &Pinhole,
         frame: &ViewFrame,
         labels: &[u16],
-        (odds, changed): (&[f32], &[Option<bool>]),
+        Findings { odds, changed, unmeasured }: Findings<'_>,
         outlines: bool,
     ) -> &[u16] {
         let (width, depth) = (camera.width, frame.depth.pixels());
@@ -73,6 +86,7 @@ impl Undecided {
             z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
             _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
             _ if labels[i] == BACKGROUND && odds[i] < CLEARLY_STATIC && changed[i] != Some(true) => AS_FOUND,
+            _ if odds[i] > CLEARLY_DYNAMIC && changed[i] == Some(true) && unmeasured[labels[i] as usize] => AS_FOUND,
             _ => f32::INFINITY,
         };
         self.distances.clear();
@@ -182,6 +196,10 @@ mod tests {
 
     use pfd_geometry::Image;
 
+    const fn findings<'a>(odds: &'a [f32], changed: &'a [Option<bool>]) -> Findings<'a> {
+        Findings { odds, changed, unmeasured: &[false; 2] }
+    }
+
     const CAMERA: Pinhole = Pinhole { width: 15, height: 1, fx: 15.0, fy: 15.0, cx: 7.0, cy: 0.0 };
 
     /// How many pixels go to the object on the left of a row: it has depth `z` on five pixels, five have none, and on the right there is
@@ -193,7 +211,8 @@ mod tests {
         frame.depth.pixels_mut()[10..].fill(2.0);
         let mut given = [BACKGROUND; 15];
         given[..labels].fill(1);
-        let found = Undecided::default().assign(&CAMERA, &frame, &given, (&[0.0; 15], &[changed; 15]), true).to_vec();
+        let found =
+            Undecided::default().assign(&CAMERA, &frame, &given, findings(&[0.0; 15], &[changed; 15]), true).to_vec();
         let object = found.iter().take_while(|l| **l == 1).count();
         assert!(found[object..].iter().all(|l| *l == BACKGROUND), "{found:?}");
         object
@@ -224,8 +243,12 @@ mod tests {
         let mut given = [BACKGROUND; 15];
         given[..5].fill(1);
         let objects = |odds: f32| {
-            let decided = (&[odds; 15][..], &[None; 15][..]);
-            Undecided::default().assign(&CAMERA, &frame, &given, decided, false).iter().filter(|l| **l == 1).count()
+            let odds = [odds; 15];
+            Undecided::default()
+                .assign(&CAMERA, &frame, &given, findings(&odds, &[None; 15]), false)
+                .iter()
+                .filter(|l| **l == 1)
+                .count()
         };
         assert_eq!([0.0, -2.0].map(objects), [15, 10]);
     }
@@ -240,9 +263,9 @@ mod tests {
         let given: Vec<u16> = (0..144).map(|i| u16::from(inside(6, i))).collect();
         let moved: Vec<u16> = (0..144).map(|i| u16::from(inside(5, i))).collect();
         let mut undecided = Undecided::default();
-        assert_eq!(undecided.assign(&camera, &frame, &given, (&[0.0; 144], &[None; 144]), true), moved);
+        assert_eq!(undecided.assign(&camera, &frame, &given, findings(&[0.0; 144], &[None; 144]), true), moved);
         assert_eq!(
-            undecided.assign(&camera, &frame, &given, (&[0.0; 144], &[None; 144]), false),
+            undecided.assign(&camera, &frame, &given, findings(&[0.0; 144], &[None; 144]), false),
             given,
             "outlines as depth has them"
         );
@@ -254,5 +277,20 @@ mod tests {
         let gap = |z, changed| assigned(z, 5..10, changed, 8);
         assert_eq!([1.0, 0.5].map(|z| gap(z, None)), [8, 10]);
         assert_eq!(gap(0.5, Some(false)), 5, "it looks like the static scene");
+    }
+
+    #[test]
+    fn an_object_that_is_no_longer_measured_keeps_what_surely_moves_and_looks_other_than_the_static_scene() {
+        let mut frame = ViewFrame { gray: Image::filled(15, 1, 9), depth: Image::filled(15, 1, 2.0) };
+        frame.depth.pixels_mut()[..6].fill(0.0);
+        frame.gray.pixels_mut()[..6].fill(80);
+        let mut given = [BACKGROUND; 15];
+        given[..6].fill(1);
+        let kept = |odds: f32, changed: bool, unmeasured: bool| {
+            let found = Findings { odds: &[odds; 15], changed: &[Some(changed); 15], unmeasured: &[false, unmeasured] };
+            Undecided::default().assign(&CAMERA, &frame, &given, found, true).iter().filter(|l| **l == 1).count()
+        };
+        assert_eq!(kept(2.0, true, true), 6);
+        assert_eq!([kept(0.5, true, true), kept(2.0, false, true), kept(2.0, true, false)], [0; 3]);
     }
 }

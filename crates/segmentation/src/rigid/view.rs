@@ -95,8 +95,10 @@ pub(crate) struct View {
     pub(crate) camera: Pinhole,
     /// Camera pixel under each working pixel (position between pixels).
     source: Vec<[f32; 2]>,
-    /// What each working pixel is interpolated from; `None` outside of the camera image.
-    corners: Vec<Option<Corner>>,
+    /// What each working pixel is interpolated from; outside of the camera image the nearest pixel of its border.
+    corners: Vec<Corner>,
+    /// Whether a working pixel lies within the camera image. A lens that distorts leaves some at the border that do not.
+    pub(crate) inside: Vec<bool>,
     /// Working pixel under each camera pixel.
     target: Vec<u32>,
     source_size: (usize, usize),
@@ -119,13 +121,15 @@ impl View {
         let pinhole = enclosing_pinhole(camera, factor);
         let source: Vec<_> = (0..pinhole.pixels()).map(|i| source_pixel(camera, &pinhole, i)).collect();
         let size = (camera.width, camera.height);
-        let corners = source.iter().map(|&[x, y]| Corner::at(x, y, size)).collect();
+        let corners = source.iter().map(|&p| Corner::at(p, size)).collect();
+        let inside = source.iter().map(|&p| is_inside(p, size)).collect();
         let target = (0..camera.width * camera.height).map(|i| target_pixel(camera, &pinhole, i)).collect();
         let rays = (0..pinhole.pixels()).map(|i| pinhole.ray(i)).collect();
-        Self { camera: pinhole, source, corners, target, source_size: size, rays }
+        Self { camera: pinhole, source, corners, inside, target, source_size: size, rays }
     }
 
-    /// Resamples a frame: luma bilinearly, depth by the nearest measurement.
+    /// Resamples a frame: luma bilinearly, depth by the nearest measurement. Outside of the camera image luma goes on as at its border, so
+    /// that there is no edge, and depth is missing.
     pub(crate) fn resample(&self, frame: &RgbdFrame, out: &mut ViewFrame) {
         let (width, height) = (self.camera.width, self.camera.height);
         if out.gray.size() != (width, height) {
@@ -134,9 +138,9 @@ impl View {
         }
         let (gray, depth) = (frame.gray(), frame.depth().image());
         let targets = out.gray.pixels_mut().iter_mut().zip(out.depth.pixels_mut());
-        for ((g, d), corner) in targets.zip(&self.corners) {
-            (*g, *d) =
-                corner.as_ref().map_or((0, 0.0), |c| (c.interpolate(gray.pixels()), c.nearest_valid(depth.pixels())));
+        for ((g, d), (corner, &inside)) in targets.zip(self.corners.iter().zip(&self.inside)) {
+            *g = corner.interpolate(gray.pixels());
+            *d = if inside { corner.nearest_valid(depth.pixels()) } else { 0.0 };
         }
     }
 
@@ -182,18 +186,16 @@ struct Corner {
 }
 
 impl Corner {
-    fn at(x: f32, y: f32, (width, height): (usize, usize)) -> Option<Self> {
-        let inside = x > -0.5 && y > -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5;
-        if !inside {
-            return None;
-        }
-        let (u, v) = (x.max(0.0) as usize, y.max(0.0) as usize);
-        Some(Self {
+    /// That of the position, or of the nearest one in an image of this size.
+    fn at([x, y]: [f32; 2], (width, height): (usize, usize)) -> Self {
+        let (x, y) = (x.clamp(0.0, width as f32 - 1.0), y.clamp(0.0, height as f32 - 1.0));
+        let (u, v) = (x as usize, y as usize);
+        Self {
             index: (v * width + u) as u32,
             right: u32::from(u + 1 < width),
             down: if v + 1 < height { width as u32 } else { 0 },
-            fraction: [(x - u as f32).max(0.0), (y - v as f32).max(0.0)],
-        })
+            fraction: [x - u as f32, y - v as f32],
+        }
     }
 
     fn indices(&self) -> [usize; 4] {
@@ -218,6 +220,11 @@ impl Corner {
         }
         self.indices().into_iter().map(|i| depth[i]).find(|&z| z > 0.0).unwrap_or(0.0)
     }
+}
+
+/// Whether a position lies on a pixel of an image.
+fn is_inside([x, y]: [f32; 2], (width, height): (usize, usize)) -> bool {
+    x > -0.5 && y > -0.5 && x < width as f32 - 0.5 && y < height as f32 - 0.5
 }
 
 /// The pinhole camera at `1 / factor` of the resolution whose image holds the whole camera image.
@@ -299,6 +306,19 @@ mod tests {
                 assert!((x - u).abs() < 2.5 && (y - v).abs() < 2.5, "{u} {v} → {x} {y}");
             }
         }
+    }
+
+    #[test]
+    fn outside_of_the_camera_image_luma_goes_on_and_nothing_is_measured() {
+        let view = View::new(&camera([0.2624, -0.9531, -0.0054, 0.0026, 1.1633]));
+        let depth = DepthImage::from_metres(Image::filled(640, 480, 2.0_f32));
+        let frame = RgbdFrame::new(Stamp::default(), Image::filled(640, 480, [100_u8; 3]), depth).unwrap();
+        let mut small = ViewFrame::default();
+        view.resample(&frame, &mut small);
+        assert!(small.gray.pixels().iter().all(|&g| g == 100));
+        let outside = view.inside.iter().filter(|inside| !**inside).count();
+        assert!(outside > 0 && outside < view.camera.pixels() / 20, "{outside}");
+        assert!(small.depth.pixels().iter().zip(&view.inside).all(|(&z, &inside)| z == if inside { 2.0 } else { 0.0 }));
     }
 
     #[test]

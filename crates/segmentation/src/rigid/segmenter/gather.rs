@@ -136,6 +136,7 @@ impl RigidSegmenter {
         Scene {
             camera: &self.view.camera,
             rays: &self.view.rays,
+            inside: &self.view.inside,
             noise: &self.noise,
             frame: &self.current,
             appearance: &self.appearance,

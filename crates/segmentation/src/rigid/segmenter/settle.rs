@@ -13,6 +13,7 @@ use crate::rigid::regions::{BACKGROUND, Component, components, fill_rectangle};
 use crate::rigid::static_model::StaticModel;
 use crate::rigid::surfaces::Relief;
 use crate::rigid::things;
+use crate::rigid::undecided::Findings;
 use crate::rigid::view::{Pinhole, ViewFrame};
 
 /// Regions start where the log-odds exceed this.
@@ -113,7 +114,8 @@ impl RigidSegmenter {
         if self.objects.list.is_empty() {
             return;
         }
-        let found = (&self.objects.odds[..], &self.field.changed[..]);
+        let unmeasured = self.objects.mark_unmeasured(self.current.depth.pixels());
+        let found = Findings { odds: &self.objects.odds, changed: &self.field.changed, unmeasured: &unmeasured };
         let outlines = self.config.refined_outlines;
         let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found, outlines);
         self.objects.relabel(labels);
