@@ -22,6 +22,8 @@ const NEAR: f32 = 0.6;
 const NEAR_SHARE: f32 = 0.2;
 /// Log-odds below which a pixel without depth that looks no other than the static model is the background's.
 const CLEARLY_STATIC: f32 = -1.0;
+/// The same for one that looks like the static model.
+const LIKELY_STATIC: f32 = -0.3;
 /// Log-odds above which such a pixel that looks other than the static model is the object's, if nothing of that is measured.
 const CLEARLY_DYNAMIC: f32 = 1.0;
 /// Distance at which a pixel without depth stands from what it was found to be, if such an object's or clearly static: that of a step of
@@ -86,6 +88,7 @@ impl Undecided {
             z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
             _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
             _ if labels[i] == BACKGROUND && odds[i] < CLEARLY_STATIC && changed[i] != Some(true) => AS_FOUND,
+            _ if labels[i] == BACKGROUND && odds[i] < LIKELY_STATIC && changed[i] == Some(false) => AS_FOUND,
             _ if odds[i] > CLEARLY_DYNAMIC && changed[i] == Some(true) && unmeasured[labels[i] as usize] => AS_FOUND,
             _ => f32::INFINITY,
         };
@@ -277,6 +280,20 @@ mod tests {
         let gap = |z, changed| assigned(z, 5..10, changed, 8);
         assert_eq!([1.0, 0.5].map(|z| gap(z, None)), [8, 10]);
         assert_eq!(gap(0.5, Some(false)), 5, "it looks like the static scene");
+    }
+
+    #[test]
+    fn what_looks_like_the_static_scene_stays_background_though_a_mover_surrounds_it() {
+        let mut frame = ViewFrame { gray: Image::filled(15, 1, 9), depth: Image::filled(15, 1, 1.0) };
+        frame.depth.pixels_mut()[5..10].fill(0.0);
+        frame.gray.pixels_mut()[5..10].fill(80);
+        let given: Vec<u16> = (0..15).map(|i| u16::from(!(5..10).contains(&i))).collect();
+        let background = |odds: f32, changed: Option<bool>| {
+            let (odds, changed) = ([odds; 15], [changed; 15]);
+            let labels = Undecided::default().assign(&CAMERA, &frame, &given, findings(&odds, &changed), true).to_vec();
+            labels.iter().filter(|l| **l == BACKGROUND).count()
+        };
+        assert_eq!([background(-0.5, Some(false)), background(-0.5, None), background(-0.1, Some(false))], [5, 0, 0]);
     }
 
     #[test]
