@@ -26,6 +26,8 @@ const MAX_SUPPORT: f64 = 0.5;
 const INTRUSION: f32 = 0.4;
 /// Something that hardly ever moved rests after this share of the time that an established mover takes.
 const MIN_REST: f64 = 0.2;
+/// What is left of a known object may be smaller than a new one, by this share: it leaves the view, or something hides it.
+const KNOWN_AREA: f64 = 0.25;
 /// Holes of a mask up to this share of the image are filled.
 const HOLE_SHARE: f64 = 0.002;
 
@@ -72,9 +74,11 @@ impl RigidSegmenter {
     pub(super) fn extract(&mut self, estimate: &MotionEstimate, time: f64) {
         let camera = self.view.camera;
         let b = &mut self.buffers;
-        let min_pixels = (self.config.min_area * camera.pixels() as f64) as usize;
-        let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_pixels.max(1), &mut b.visited);
-        let (mut found, new): (Vec<_>, Vec<_>) = found.into_iter().partition(|c| self.objects.continues(c));
+        let min_pixels = self.config.min_area * camera.pixels() as f64;
+        let min_known = ((min_pixels * KNOWN_AREA) as usize).max(1);
+        let found = components(&camera, &self.objects.odds, (0.0, HYSTERESIS), min_known, &mut b.visited);
+        let (mut found, mut new): (Vec<_>, Vec<_>) = found.into_iter().partition(|c| self.objects.continues(c));
+        new.retain(|c| c.pixels.len() as f64 >= min_pixels);
         mark(&new, camera.pixels(), &mut b.candidates);
         let agreement = self.agreement(estimate);
         self.new_regions = new.iter().map(|component| self.judge(component, agreement)).collect();
