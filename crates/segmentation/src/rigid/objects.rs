@@ -64,11 +64,12 @@ impl Objects {
 
     /// Updates the log-odds of pixel `i` by fresh evidence: `share` of the information speaks for motion, `weight` is its
     /// amount, `explained` how surely the static model explains the pixel. Where nothing moved, doubts of the last frame remain.
-    /// What was established to move and is not explained by the static model is let go slowly.
+    /// What was established to move and is not explained by the static model is let go slowly, and what is explained at once: unless fresh
+    /// evidence says so again, a mover has passed it.
     pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, policy: Policy) {
         let label = self.carried[i];
         let remembered = policy.memory && label != BACKGROUND;
-        let (before, confidence) = if remembered {
+        let (doubt, confidence) = if remembered {
             (self.carried_odds[i], self.confidences.get(label as usize).copied().unwrap_or(0.0))
         } else {
             (if policy.memory { self.suspicion[i] } else { INITIAL_ODDS }, 0.0)
@@ -79,6 +80,7 @@ impl Objects {
         } else {
             1.0
         };
+        let before = if doubt > 0.0 { doubt * (1.0 - explained) } else { doubt };
         self.odds[i] = (before + change * hold).clamp(-MAX_ODDS, MAX_ODDS);
     }
 }
@@ -378,6 +380,21 @@ mod tests {
         assert!(odds_after(3, 0.6, true) > 0.0);
         assert!(odds_after(3, 0.6, false) < 0.0);
         assert!(odds_after(100, 0.55, true) < 0.0);
+    }
+
+    #[test]
+    fn what_the_static_model_explains_is_let_go_at_once_unless_it_is_seen_to_move_again() {
+        let odds = |explained: f32, share: f32| {
+            let mut objects = Objects::default();
+            objects.clear(1);
+            objects.confidences = vec![0.0, 1.0];
+            (objects.carried[0], objects.carried_odds[0]) = (1, MAX_ODDS);
+            objects.update_odds(0, (share, 0.2), explained, Policy { threshold: 0.5, memory: true });
+            objects.odds[0]
+        };
+        assert!(odds(0.0, 0.0) > 0.0 && odds(1.0, 0.0) < 0.0);
+        assert!(odds(1.0, 0.9) > 0.0, "it slides along itself");
+        assert!(odds(0.5, 0.5) < odds(0.0, 0.5));
     }
 
     #[test]
