@@ -89,6 +89,30 @@ fn a_box_that_comes_in_is_masked_within_three_frames_and_nothing_else_is() {
     }
 }
 
+/// The frame in another light.
+fn lit(frame: &RgbdFrame, light: f32) -> RgbdFrame {
+    let mut rgb = frame.rgb().clone();
+    rgb.pixels_mut().iter_mut().flatten().for_each(|value| *value = (f32::from(*value) * light) as u8);
+    RgbdFrame::new(frame.stamp(), rgb, frame.depth().clone()).unwrap()
+}
+
+#[test]
+fn a_lamp_that_goes_off_hides_no_mover_and_makes_none() {
+    for light in [0.4, 0.7] {
+        let mut segmenter = segmenter(Mode::Pfd);
+        for frame in 0..18 {
+            let x = (frame >= 6).then(|| 20 + 6 * (frame - 6));
+            let seen = lit(&scene(frame, x), if frame < 12 { 1.0 } else { light });
+            let result = segmenter.segment(&seen).unwrap();
+            if frame >= 10 {
+                assert_eq!(result.status, Status::Segmented, "frame {frame} at {light}");
+                let (recall, precision) = score(&result, x.unwrap());
+                assert!(recall > 0.85 && precision > 0.85, "frame {frame} at {light}: {recall} {precision}");
+            }
+        }
+    }
+}
+
 #[test]
 fn two_frames_suffice_for_a_box_that_moves() {
     let mut segmenter = segmenter(Mode::Pfd);

@@ -7,6 +7,7 @@ mod diffusion;
 mod disjoint_sets;
 mod ego_motion;
 mod evidence;
+mod exposure;
 mod large_planes;
 mod missing_depth;
 mod model_alignment;

@@ -10,6 +10,7 @@ use pfd_vision::VisionError;
 
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Field, steepest_gradient};
+use super::exposure::Exposure;
 use super::large_planes::LargePlanes;
 use super::missing_depth;
 use super::motion::{MotionEstimate, MotionEstimator};
@@ -44,6 +45,7 @@ pub(crate) struct RigidSegmenter {
     seed: u64,
     pub(crate) view: View,
     estimator: MotionEstimator,
+    exposure: Exposure,
     current: ViewFrame,
     previous: ViewFrame,
     appearance: Appearance,
@@ -123,6 +125,7 @@ impl RigidSegmenter {
             noise: config.depth_noise,
             seed,
             estimator: MotionEstimator::new(&config.pfd, config.depth_noise, seed),
+            exposure: Exposure::default(),
             current: ViewFrame::default(),
             previous: ViewFrame::default(),
             appearance: Appearance::default(),
@@ -156,6 +159,7 @@ impl RigidSegmenter {
         self.estimator = MotionEstimator::new(&self.config, self.noise, self.seed);
         self.filter = ParticleFilter::new(self.view.source_size(), self.particles, self.seed);
         self.search = ParticleFilter::new(self.view.source_size(), self.particles, self.seed ^ SEARCH_STREAM);
+        self.exposure = Exposure::default();
         self.history.clear();
         self.flow = 0.0;
         self.model.clear();
@@ -222,6 +226,9 @@ impl RigidSegmenter {
     /// Brings the frame into the working view and derives what comparisons need.
     fn prepare(&mut self, frame: &RgbdFrame) -> Result<(), VisionError> {
         self.view.resample(frame, &mut self.current);
+        if !self.history.is_empty() {
+            self.exposure.level(&self.previous.gray, &mut self.current.gray);
+        }
         self.estimator.load(&self.current)?;
         self.appearance.update(&self.current, self.config.shadow_rejection, &mut self.buffers.range)?;
         let camera = &self.view.camera;
