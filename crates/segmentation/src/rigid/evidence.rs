@@ -490,10 +490,20 @@ mod tests {
 
     /// What a camera at rest learns from how things look and looked while everything has become brighter by 10.
     fn learn<T>(now: &Appearance, then: &Appearance, what: impl FnOnce(&Scene<'_>, &Earlier<'_>) -> T) -> T {
+        learn_within(&[true; CAMERA.width * CAMERA.height], now, then, what)
+    }
+
+    /// The same where only pixels `inside` are within the camera image.
+    fn learn_within<T>(
+        inside: &[bool],
+        now: &Appearance,
+        then: &Appearance,
+        what: impl FnOnce(&Scene<'_>, &Earlier<'_>) -> T,
+    ) -> T {
         let frame = ViewFrame { gray: now.gray.clone(), depth: now.far.clone() };
         let rays: Vec<_> = (0..CAMERA.pixels()).map(|i| CAMERA.ray(i)).collect();
         let scene = Scene {
-            inside: &vec![true; CAMERA.pixels()],
+            inside,
             camera: &CAMERA,
             rays: &rays,
             noise: &DepthNoise::default(),
@@ -517,6 +527,21 @@ mod tests {
             scene.compare_earlier(std::slice::from_ref(earlier), 0, &mut field);
             field.cues.iter().map(|c| c[Cue::OtherTexture as usize]).sum()
         })
+    }
+
+    #[test]
+    fn what_lies_outside_of_the_camera_image_is_no_evidence() {
+        let inside: Vec<bool> = (0..CAMERA.pixels()).map(|i| i % CAMERA.width < 20).collect();
+        learn_within(&inside, &wall(false, [40.0, 200.0]), &wall(false, [0.0, 90.0]), |scene, earlier| {
+            let mut field = Field::default();
+            field.clear(CAMERA.pixels());
+            scene.compare_earlier(std::slice::from_ref(earlier), 0, &mut field);
+            let point = ModelPoint { position: CAMERA.unproject(19.5, 14.5, 2.0), gray: 200.0, hits: 10.0 };
+            let depth = vec![2.0; CAMERA.pixels()];
+            scene.compare_model(&vec![point; CAMERA.pixels()], [&depth, &depth], 0.0, &mut field);
+            let compared = |i: usize| field.cues[i].iter().any(|weight| *weight > 0.0);
+            assert!((0..CAMERA.pixels()).all(|i| compared(i) == inside[i]));
+        });
     }
 
     #[test]
