@@ -114,6 +114,21 @@ fn a_lamp_that_goes_off_hides_no_mover_and_makes_none() {
 }
 
 #[test]
+fn a_box_that_leaves_is_masked_to_the_last_column() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    let box_at = |frame: usize| WIDTH + 2 * frame - 79;
+    for frame in 0..40 {
+        let result = segmenter.segment(&scene(frame, (frame >= 5).then(|| box_at(frame)))).unwrap();
+        // A single column has fewer pixels than a new region needs.
+        if box_at(frame) == WIDTH - 1 {
+            assert!(result.mask.fraction() > 0.0);
+            return;
+        }
+    }
+    panic!("the box never left");
+}
+
+#[test]
 fn two_frames_suffice_for_a_box_that_moves() {
     let mut segmenter = segmenter(Mode::Pfd);
     segmenter.segment(&scene(0, Some(120))).unwrap();

@@ -27,7 +27,7 @@ pub(crate) struct Exposure {
 
 impl Exposure {
     /// Brings `current` to the brightness of `previous`, which this has done to as well, if it differs suddenly.
-    pub(crate) fn level(&mut self, previous: &GrayImage, current: &mut GrayImage) {
+    pub(crate) fn compensate(&mut self, previous: &GrayImage, current: &mut GrayImage) {
         self.log_gain *= KEPT;
         if self.log_gain.abs() < NEGLIGIBLE {
             self.log_gain = 0.0;
@@ -65,7 +65,7 @@ mod tests {
 
     /// Mean difference from a first frame of a second one.
     fn difference(exposure: &mut Exposure, first: &GrayImage, mut second: GrayImage) -> f32 {
-        exposure.level(first, &mut second);
+        exposure.compensate(first, &mut second);
         let differences = first.pixels().iter().zip(second.pixels()).map(|(&a, &b)| f32::from(a.abs_diff(b)));
         differences.sum::<f32>() / first.pixels().len() as f32
     }
@@ -84,7 +84,7 @@ mod tests {
         for (shift, light) in [(0, 0.95), (0, 1.05), (8, 1.0), (16, 1.0)] {
             let mut exposure = Exposure::default();
             let mut frame = stripes(shift, light);
-            exposure.level(&stripes(0, 1.0), &mut frame);
+            exposure.compensate(&stripes(0, 1.0), &mut frame);
             assert_eq!(frame, stripes(shift, light), "{shift} {light}");
         }
     }
@@ -96,7 +96,7 @@ mod tests {
         for _ in 0..120 {
             let before = last.clone();
             last = stripes(0, 0.5);
-            exposure.level(&before, &mut last);
+            exposure.compensate(&before, &mut last);
             let (a, b) = (f32::from(before.pixels()[24]), f32::from(last.pixels()[24]));
             assert!((a / b - 1.0).abs() < 0.07, "{a} {b}");
         }

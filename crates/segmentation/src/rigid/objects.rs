@@ -57,6 +57,11 @@ pub(crate) struct Objects {
 }
 
 impl Objects {
+    /// One more than the largest label; that of the background is 0.
+    fn label_count(&self) -> usize {
+        self.list.iter().map(|o| o.label as usize).max().unwrap_or(0) + 1
+    }
+
     /// Labels carried into the current frame.
     pub(crate) fn carried(&self) -> &[u16] {
         &self.carried
@@ -170,9 +175,8 @@ impl Objects {
     pub(crate) fn carry(&mut self, camera: &Pinhole, previous: &[f32], current: &[f32], dt: f64) {
         let largest_step = MAX_APPROACH * dt as f32;
         self.carried.fill(BACKGROUND);
-        let labels = self.list.iter().map(|o| o.label as usize + 1).max().unwrap_or(0);
         self.confidences.clear();
-        self.confidences.resize(labels, 0.0);
+        self.confidences.resize(self.label_count(), 0.0);
         for object in &self.list {
             self.confidences[object.label as usize] = object.confidence * (1.0 - object.liveliness / LIVELY).max(0.0);
             let (dx, dy) = (object.velocity[0] * dt as f32, object.velocity[1] * dt as f32);
@@ -272,7 +276,7 @@ impl Objects {
     /// For each label whether its object goes on without depth: hardly anything of it is measured in `depth`, but that was once other. What
     /// parts from an object where nothing is measured is no such object: it may be a dark thing that a mover has passed.
     pub(crate) fn mark_unmeasured(&mut self, depth: &[f32]) -> Vec<bool> {
-        let mut unmeasured = vec![false; self.list.iter().map(|o| o.label as usize + 1).max().unwrap_or(1)];
+        let mut unmeasured = vec![false; self.label_count()];
         for object in &mut self.list {
             let measured = object.pixels.iter().filter(|&&i| depth[i as usize] > 0.0).count();
             let is_measured = measured as f32 > MEASURED_SHARE * object.pixels.len() as f32;
@@ -317,8 +321,7 @@ impl Objects {
 
     /// The old object that most of the component's carried pixels belong to, and how many.
     fn best_match(&self, component: &Component) -> Option<(usize, usize)> {
-        let most = self.list.iter().map(|o| o.label).max()?;
-        let mut votes = vec![0_usize; most as usize + 1];
+        let mut votes = vec![0_usize; self.label_count()];
         for &i in &component.pixels {
             votes[self.carried[i as usize] as usize] += 1;
         }
@@ -362,6 +365,13 @@ pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::ops::Range;
+
+    const CAMERA: Pinhole = Pinhole { width: 10, height: 2, fx: 10.0, fy: 10.0, cx: 4.5, cy: 0.5 };
+
+    fn component(pixels: Range<u32>) -> Component {
+        Component { pixels: pixels.collect() }
+    }
 
     /// Log-odds of a pixel after so many frames with this share of evidence for motion.
     fn odds_after(frames: usize, share: f32, memory: bool) -> f32 {
@@ -399,16 +409,14 @@ mod tests {
 
     #[test]
     fn the_largest_part_goes_on_and_the_others_keep_its_history() {
-        let camera = Pinhole { width: 10, height: 2, fx: 10.0, fy: 10.0, cx: 4.5, cy: 0.5 };
-        let component = |pixels: std::ops::Range<u32>| Component { pixels: pixels.collect() };
         let mut objects = Objects::default();
         objects.clear(20);
         (0..20).for_each(|_| {
-            objects.carry(&camera, &[1.0; 20], &[1.0; 20], 0.03);
+            objects.carry(&CAMERA, &[1.0; 20], &[1.0; 20], 0.03);
             objects.update(vec![component(0..9)], &[1.0; 20], 1.0);
         });
         let whole = objects.list[0].clone();
-        objects.carry(&camera, &[1.0; 20], &[1.0; 20], 0.03);
+        objects.carry(&CAMERA, &[1.0; 20], &[1.0; 20], 0.03);
         objects.update(vec![component(0..2), component(3..9), component(15..17)], &[0.0; 20], 2.0);
         let [small, large, new] = &objects.list[..] else { panic!("{:?}", objects.list) };
         assert_eq!((large.id, large.peak), (whole.id, whole.peak));
@@ -419,12 +427,10 @@ mod tests {
 
     #[test]
     fn an_object_goes_on_without_depth_if_it_had_some_and_what_parts_from_it_then_does_not() {
-        let camera = Pinhole { width: 10, height: 2, fx: 10.0, fy: 10.0, cx: 4.5, cy: 0.5 };
-        let component = |pixels: std::ops::Range<u32>| Component { pixels: pixels.collect() };
         let mut objects = Objects::default();
         objects.clear(20);
         let mut step = |components: Vec<Component>, depth: [f32; 20]| {
-            objects.carry(&camera, &depth, &depth, 0.03);
+            objects.carry(&CAMERA, &depth, &depth, 0.03);
             objects.update(components, &[1.0; 20], 1.0);
             let unmeasured = objects.mark_unmeasured(&depth);
             objects.list.iter().map(|o| unmeasured[o.label as usize]).collect::<Vec<_>>()

@@ -36,7 +36,7 @@ impl ModelPoint {
     }
 
     /// Takes in a luma value by a share of `rate`.
-    fn see(&mut self, gray: f32, rate: f32) {
+    fn update_gray(&mut self, gray: f32, rate: f32) {
         self.gray += (gray - self.gray) * rate;
     }
 
@@ -139,7 +139,7 @@ impl StaticModel {
         for (i, &z) in frame.depth.pixels().iter().enumerate() {
             if !noise.is_usable(f64::from(z)) {
                 if dynamic[i] == 0 {
-                    self.points.pixels_mut()[i].see(f32::from(frame.gray.pixels()[i]), UNMEASURED_GRAY_RATE);
+                    self.points.pixels_mut()[i].update_gray(f32::from(frame.gray.pixels()[i]), UNMEASURED_GRAY_RATE);
                 }
                 continue;
             }
@@ -172,7 +172,7 @@ impl StaticModel {
         for (p, q) in point.position.iter_mut().zip(position) {
             *p += (q - *p) * share;
         }
-        point.see(gray, GRAY_RATE.max(share));
+        point.update_gray(gray, GRAY_RATE.max(share));
         point.hits = (point.hits + 1.0).min(MAX_HITS);
     }
 

@@ -20,9 +20,9 @@ const CONTRADICTED: f32 = 4.0;
 const NEAR: f32 = 0.6;
 /// Share of an object's measured pixels that make it such an object.
 const NEAR_SHARE: f32 = 0.2;
-/// Log-odds below which a pixel without depth that looks no other than the static model is the background's.
+/// Log-odds below which a pixel without depth is the background's if the static model says nothing of it, …
 const CLEARLY_STATIC: f32 = -1.0;
-/// The same for one that looks like the static model.
+/// … and if it looks like that.
 const LIKELY_STATIC: f32 = -0.3;
 /// Log-odds above which such a pixel that looks other than the static model is the object's, if nothing of that is measured.
 const CLEARLY_DYNAMIC: f32 = 1.0;
@@ -87,8 +87,7 @@ impl Undecided {
         let start = |i: usize| match depth[i] {
             z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
             _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
-            _ if labels[i] == BACKGROUND && odds[i] < CLEARLY_STATIC && changed[i] != Some(true) => AS_FOUND,
-            _ if labels[i] == BACKGROUND && odds[i] < LIKELY_STATIC && changed[i] == Some(false) => AS_FOUND,
+            _ if labels[i] == BACKGROUND && is_static(odds[i], changed[i]) => AS_FOUND,
             _ if odds[i] > CLEARLY_DYNAMIC && changed[i] == Some(true) && unmeasured[labels[i] as usize] => AS_FOUND,
             _ => f32::INFINITY,
         };
@@ -122,6 +121,15 @@ impl Undecided {
         }
         self.rim.clone_from(&self.spread);
         (1..RIM).for_each(|rows| spread_by(&self.spread, rows * width, &mut self.rim));
+    }
+}
+
+/// Whether a pixel without depth is the background's, by its log-odds of motion and by how it looks beside the static model.
+fn is_static(odds: f32, changed: Option<bool>) -> bool {
+    match changed {
+        Some(true) => false,
+        Some(false) => odds < LIKELY_STATIC,
+        None => odds < CLEARLY_STATIC,
     }
 }
 

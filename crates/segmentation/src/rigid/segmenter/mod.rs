@@ -227,7 +227,7 @@ impl RigidSegmenter {
     fn prepare(&mut self, frame: &RgbdFrame) -> Result<(), VisionError> {
         self.view.resample(frame, &mut self.current);
         if !self.history.is_empty() {
-            self.exposure.level(&self.previous.gray, &mut self.current.gray);
+            self.exposure.compensate(&self.previous.gray, &mut self.current.gray);
         }
         self.estimator.load(&self.current)?;
         self.appearance.update(&self.current, self.config.shadow_rejection, &mut self.buffers.range)?;
