@@ -16,11 +16,23 @@ pub enum ImageError {
 }
 
 /// A row-major image of `width × height` pixels.
-#[derive(Clone, Debug, PartialEq, Eq, Default)]
+#[derive(Debug, PartialEq, Eq, Default)]
 pub struct Image<T> {
     width: usize,
     height: usize,
     data: Vec<T>,
+}
+
+/// Not derived: what is derived makes a new image even in `clone_from`.
+impl<T: Clone> Clone for Image<T> {
+    fn clone(&self) -> Self {
+        Self { width: self.width, height: self.height, data: self.data.clone() }
+    }
+
+    fn clone_from(&mut self, source: &Self) {
+        (self.width, self.height) = (source.width, source.height);
+        self.data.clone_from(&source.data);
+    }
 }
 
 /// Colour, 8 bits per channel, order R, G, B.
@@ -239,6 +251,16 @@ mod tests {
         assert!(Image::from_vec(2, 3, vec![0_u8; 6]).is_ok());
         assert!(Image::from_vec(2, 3, vec![0_u8; 5]).is_err());
         assert!(Image::from_vec(usize::MAX, 2, vec![0_u8; 5]).is_err());
+    }
+
+    #[test]
+    fn clone_from_reuses_memory() {
+        let source = Image::from_vec(2, 3, vec![7_u8; 6]).unwrap();
+        let mut copy = Image::filled(3, 3, 0_u8);
+        let memory = copy.pixels().as_ptr();
+        copy.clone_from(&source);
+        assert_eq!(copy, source);
+        assert_eq!(copy.pixels().as_ptr(), memory);
     }
 
     #[test]

@@ -11,7 +11,7 @@ use pfd_vision::warp::gaussian_smooth;
 
 use crate::clustering;
 use crate::config::{Mode, PaperConfig, SegmentationConfig};
-use crate::inter_frame::{InterFrame, difference};
+use crate::inter_frame::{InterFrame, Transformation, difference};
 use crate::kmeans::kmeans;
 use crate::particle_filter::{Particle, ParticleFilter, statistics};
 use crate::result::{BoundingBox, DynamicRegion, FailOpenReason, Status};
@@ -27,7 +27,29 @@ pub(crate) struct PaperSegmenter {
     /// One filter per object: the first follows the strongest, the next what the first leaves over (step 9).
     filters: Vec<ObjectFilter>,
     next_id: u32,
-    previous: Option<(GrayImage, f64)>,
+    /// Time of the last frame, seconds.
+    before: Option<f64>,
+    buffers: Buffers,
+}
+
+/// Images that live as long as the segmenter.
+#[derive(Debug)]
+struct Buffers {
+    /// Luma of the last frame.
+    previous: GrayImage,
+    /// What Eq. 1 gives, without the objects that have been found.
+    difference: GrayImage,
+    /// The same, smoothed by the kernel of Eq. 3.
+    smooth: GrayImage,
+    /// The depth interval within the ROI.
+    binary: Mask,
+}
+
+impl Buffers {
+    fn new((width, height): (usize, usize)) -> Self {
+        let black = Image::filled(width, height, 0);
+        Self { previous: black.clone(), difference: black.clone(), smooth: black, binary: Mask::empty(width, height) }
+    }
 }
 
 /// What one frame gives.
@@ -78,7 +100,8 @@ impl PaperSegmenter {
             inter_frame: InterFrame::new(config.paper),
             filters: (0..objects).map(filter).collect(),
             next_id: objects as u32,
-            previous: None,
+            before: None,
+            buffers: Buffers::new(size),
         }
     }
 
@@ -91,9 +114,24 @@ impl PaperSegmenter {
         timing: &mut StageTimes,
     ) -> Result<(Status, PaperResult), VisionError> {
         let transformation = timing.measure("inter_frame", || self.inter_frame.step(frame.gray()))?;
-        let Some((previous, before)) = self.previous.replace((frame.gray().clone(), time)) else {
-            return Ok((Status::FirstFrame, PaperResult::default()));
+        let before = self.before.replace(time);
+        let found = match before {
+            Some(before) => self.find(transformation, frame, (time - before).max(MIN_DT), mask, timing)?,
+            None => (Status::FirstFrame, PaperResult::default()),
         };
+        self.buffers.previous.clone_from(frame.gray());
+        Ok(found)
+    }
+
+    /// What moves between the previous frame and this one, `dt` seconds later, given their transformation if there is one.
+    fn find(
+        &mut self,
+        transformation: Option<Transformation>,
+        frame: &RgbdFrame,
+        dt: f64,
+        mask: &mut Mask,
+        timing: &mut StageTimes,
+    ) -> Result<(Status, PaperResult), VisionError> {
         let few = |inliers| {
             (Status::FailedOpen(FailOpenReason::FewInliers { inliers, needed: MIN_POINTS }), PaperResult::default())
         };
@@ -103,8 +141,7 @@ impl PaperSegmenter {
             return Ok((Status::Segmented, PaperResult::default()));
         }
         let Some(homography) = found.homography else { return Ok(few(found.inliers)) };
-        let dt = (time - before).max(MIN_DT);
-        let result = timing.measure("objects", || self.objects(frame, &previous, &homography, dt, mask))?;
+        let result = timing.measure("objects", || self.objects(frame, &homography, dt, mask))?;
         Ok((Status::Segmented, result))
     }
 
@@ -112,20 +149,18 @@ impl PaperSegmenter {
     fn objects(
         &mut self,
         frame: &RgbdFrame,
-        previous: &GrayImage,
         homography: &Matrix3<f64>,
         dt: f64,
         mask: &mut Mask,
     ) -> Result<PaperResult, VisionError> {
-        let mut image = difference(previous, frame.gray(), homography, self.config.noise_floor)?;
-        let mut smooth = Image::filled(self.size.0, self.size.1, 0_u8);
+        let Buffers { previous, difference: image, .. } = &mut self.buffers;
+        difference(previous, frame.gray(), homography, self.config.noise_floor, image)?;
         let mut result = PaperResult::default();
         for k in 0..self.filters.len() {
-            gaussian_smooth(&image, self.kernel_sigma, &mut smooth)?;
-            let evidence = to_float(&smooth);
+            gaussian_smooth(&self.buffers.difference, self.kernel_sigma, &mut self.buffers.smooth)?;
             let filter = &mut self.filters[k].filter;
             filter.predict(dt); // step 2
-            let under_particles = filter.weigh(&evidence, 1.0); // step 3
+            let under_particles = filter.weigh(&self.buffers.smooth); // step 3
             filter.resample(); // step 4
             if under_particles < self.config.min_evidence {
                 self.give_up(k);
@@ -134,11 +169,11 @@ impl PaperSegmenter {
             let members = self.largest_cluster(k);
             let Some((contour, interval)) = self.locate(&members, frame.depth())? else {
                 // Step 9 goes on with what lies elsewhere.
-                fill(&mut image, extent(&members), 0);
+                fill(&mut self.buffers.difference, extent(&members), 0);
                 self.give_up(k);
                 continue;
             };
-            fill(&mut image, bounds(&contour), 0); // step 8
+            fill(&mut self.buffers.difference, bounds(&contour), 0); // step 8
             let pixels = self.draw(frame.depth(), &contour, interval, mask);
             result.particles.push(members.iter().map(|p| [p.x, p.y]).collect());
             result.regions.push(region((self.filters[k].id, pixels), &contour, interval, &members));
@@ -161,19 +196,21 @@ impl PaperSegmenter {
     }
 
     /// Steps 6 and 7: clusters the depths of the particles, and cuts out the region.
-    fn locate(&self, members: &[Particle], depth: &DepthImage) -> Result<Option<Located>, VisionError> {
+    fn locate(&mut self, members: &[Particle], depth: &DepthImage) -> Result<Option<Located>, VisionError> {
         let Some(interval) = self.depth_interval(members, depth) else { return Ok(None) };
         let (columns, _) = extent(members);
         // The ROI has the full height of the image and the width of the cluster (section 3.2).
-        let mut binary = Mask::empty(self.size.0, self.size.1);
-        for v in 0..self.size.1 {
-            for u in columns.start..columns.end.min(self.size.0) {
-                let inside = depth.at(u, v).is_some_and(|z| z >= interval[0] && z <= interval[1]);
-                binary.set(u, v, inside);
-            }
-        }
+        let (width, binary) = (self.size.0, &mut self.buffers.binary);
+        binary.assign(
+            depth
+                .image()
+                .pixels()
+                .iter()
+                .enumerate()
+                .map(|(i, &z)| columns.contains(&(i % width)) && z > 0.0 && z >= interval[0] && z <= interval[1]),
+        );
         let min_area = MIN_AREA * (self.size.0 * self.size.1) as f64;
-        let contour = largest_contour(&binary)?.filter(|c| c.area >= min_area);
+        let contour = largest_contour(&self.buffers.binary)?.filter(|c| c.area >= min_area);
         Ok(contour.map(|c| (c, interval)))
     }
 
@@ -231,14 +268,6 @@ fn region((id, pixel_count): (u32, u32), contour: &Contour, interval: [f32; 2], 
         particle_covariance: covariance,
         image_velocity: Vector2::new(mean[2], mean[3]),
     }
-}
-
-fn to_float(image: &GrayImage) -> Image<f32> {
-    let mut out = Image::filled(image.width(), image.height(), 0.0);
-    for (o, &i) in out.pixels_mut().iter_mut().zip(image.pixels()) {
-        *o = f32::from(i);
-    }
-    out
 }
 
 /// The bounding rectangle of an outline.

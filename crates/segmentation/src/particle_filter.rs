@@ -103,14 +103,14 @@ impl ParticleFilter {
         self.resample();
     }
 
-    /// Weighs the particles by evidence that was smoothed with the kernel of Eq. 3 (step 3). `scale` is evidence pixels per
-    /// particle pixel. Returns what [`Self::weigh_by`] does.
-    pub fn weigh(&mut self, smoothed: &Image<f32>, scale: f32) -> f64 {
+    /// Weighs the particles by evidence that was smoothed with the kernel of Eq. 3 (step 3), of the size of the image. Returns what
+    /// [`Self::weigh_by`] does.
+    pub fn weigh<T: Copy + Default + Into<f32>>(&mut self, smoothed: &Image<T>) -> f64 {
         let (width, height) = smoothed.size();
         self.weigh_by(|p| {
-            let u = ((p.x * scale) as usize).min(width.saturating_sub(1));
-            let v = ((p.y * scale) as usize).min(height.saturating_sub(1));
-            smoothed.get(u, v).copied().unwrap_or(0.0)
+            let u = (p.x as usize).min(width.saturating_sub(1));
+            let v = (p.y as usize).min(height.saturating_sub(1));
+            smoothed.get(u, v).copied().unwrap_or_default().into()
         })
     }
 
@@ -207,7 +207,7 @@ mod tests {
         let mut filter = ParticleFilter::new((200, 150), ParticleConfig::default(), 3);
         for frame in 0..30 {
             filter.predict(1.0 / 30.0);
-            filter.weigh(&disc(40.0 + 4.0 * frame as f32, 70.0), 1.0);
+            filter.weigh(&disc(40.0 + 4.0 * frame as f32, 70.0));
             filter.resample();
         }
         let near = |p: &&Particle| (p.x - 156.0).hypot(p.y - 70.0) < 25.0;
@@ -249,7 +249,7 @@ mod tests {
             let mut filter = ParticleFilter::new((200, 150), ParticleConfig::default(), 5);
             for _ in 0..3 {
                 filter.predict(0.03);
-                filter.weigh(&disc(50.0, 50.0), 1.0);
+                filter.weigh(&disc(50.0, 50.0));
                 filter.resample();
             }
             filter.particles().to_vec()
