@@ -87,6 +87,29 @@ impl Run {
 }
 
 #[test]
+fn looking_ahead_changes_nothing_not_even_at_another_frame() {
+    let (mut plain, mut ahead) = (Run::new(), Run::new());
+    for i in 0..12 {
+        let (frame, mask) = (plain.frame(i), plain.mask(i));
+        let other = match i {
+            // One that is never tracked, as where its mask says that it was passed over.
+            7 => ahead.frame(i + 1),
+            _ => ahead.frame(i),
+        };
+        ahead.tracker.look_ahead(&other).unwrap();
+        let (a, b) = (plain.track(&frame, Some(&mask)), ahead.track(&frame, Some(&mask)));
+        assert!(a.T_world_camera.is_some());
+        assert_eq!((a.T_world_camera, a.features, a.inliers), (b.T_world_camera, b.features, b.inliers), "frame {i}");
+    }
+    let small = RgbdFrame::new(
+        Stamp::default(),
+        Image::filled(8, 8, [0; 3]),
+        DepthImage::from_metres(Image::filled(8, 8, 0.0)),
+    );
+    assert!(ahead.tracker.look_ahead(&small.unwrap()).is_err());
+}
+
+#[test]
 fn a_covered_lens_is_lost_and_found_again() {
     let mut run = Run::new();
     run.play(0..60);

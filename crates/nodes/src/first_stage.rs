@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use anyhow::Context;
-use crossbeam_channel::Sender;
+use crossbeam_channel::{Sender, bounded};
 use pfd_ros::diagnostics::Level;
 
 use crate::camera_input::RawFrame;
@@ -14,7 +14,7 @@ use crate::slam::Shared;
 use crate::slam_processor::{Segmented, TrackingJob};
 use crate::worker::{Frame, Health, Processor};
 
-/// Segments frames and hands them to tracking.
+/// Hands frames to tracking and segments them meanwhile: what moves follows.
 pub struct FirstStage {
     stage: SegmentationStage,
     shared: Arc<Shared>,
@@ -31,11 +31,14 @@ impl FirstStage {
         Self { stage, shared, resets: 0, next: Some(next), tracking }
     }
 
-    fn segment(&mut self, raw: &RawFrame) -> anyhow::Result<(Frame, Segmented)> {
-        let frame = Frame::decode(raw)?;
+    fn segment(&mut self, frame: &Frame) -> anyhow::Result<Segmented> {
         let start = Instant::now();
-        let segmentation = self.stage.segment(&frame).context("segmentation")?;
-        Ok((frame, Segmented { segmentation, milliseconds: start.elapsed().as_secs_f64() * 1e3 }))
+        let segmentation = self.stage.segment(frame).context("segmentation")?;
+        Ok(Segmented { segmentation, milliseconds: start.elapsed().as_secs_f64() * 1e3 })
+    }
+
+    fn hand_over(&self, job: TrackingJob) -> anyhow::Result<()> {
+        self.next.as_ref().is_some_and(|next| next.send(job).is_ok()).then_some(()).context("tracking has ended")
     }
 }
 
@@ -51,11 +54,17 @@ impl Processor for FirstStage {
             self.tracking.report(Level::Warn, "paused".into(), Vec::new());
             return Ok(());
         }
-        // A frame that cannot be used goes on as well: tracking says on its topics what became of it.
-        let work = self.segment(&raw).map(|(frame, segmented)| (frame, Some(segmented)));
-        let (stamp, frame_id, received) = (raw.stamp(), raw.frame_id().to_owned(), raw.received);
-        let job = TrackingJob { stamp, frame_id, received, work };
-        self.next.as_ref().is_some_and(|next| next.send(job).is_ok()).then_some(()).context("tracking has ended")
+        match Frame::decode(&raw).map(Arc::new) {
+            Ok(frame) => {
+                let (found, segmented) = bounded(1);
+                self.hand_over(TrackingJob::new(&raw, Ok(frame.clone()), Some(segmented)))?;
+                // Where tracking could not use the frame it does not listen any more.
+                drop(found.send(self.segment(&frame)));
+                Ok(())
+            }
+            // A frame that cannot be used goes on as well: tracking says on its topics what became of it.
+            Err(error) => self.hand_over(TrackingJob::new(&raw, Err(error.into()), None)),
+        }
     }
 
     fn finish(&mut self) -> anyhow::Result<()> {

@@ -169,8 +169,8 @@ pub fn run(kind: Kind, args: &Arguments, names: Names) -> anyhow::Result<()> {
 /// Threads, first stage first, and how each kind of work goes.
 type Workers = (Vec<Worker>, Vec<(&'static str, Health)>);
 
-/// Tracking on one thread; in the composed node segmentation on another one before it, so that a frame is segmented while the one
-/// before it is tracked.
+/// Tracking on one thread; in the composed node segmentation on another one, so that a frame is segmented while the one before it is
+/// tracked. Tracking has a frame from the time on at which segmentation begins with it: what needs no mask is done meanwhile.
 fn start_workers(
     kind: Kind,
     start: &Startup,
@@ -194,8 +194,9 @@ fn start_workers(
         let next = move || next().map(|raw| TrackingJob::from_messages(&raw));
         return Ok((vec![Worker::start("tracking", next, tools, tracking)?], vec![("tracking", health)]));
     }
-    // One waits while another is tracked: what tracking cannot keep up with is dropped, and counted, where frames come in.
-    let (hand_over, segmented) = bounded(1);
+    // One that is segmented waits while another is tracked and a third is segmented: what tracking cannot keep up with is dropped, and
+    // counted, where frames come in.
+    let (hand_over, segmented) = bounded(2);
     let segmentation_health = Health::default();
     let stage = SegmentationStage::new(start.settings.clone(), outlets.masks.clone(), segmentation_health.clone());
     let first = FirstStage::new(stage, shared.clone(), hand_over, health.clone());

@@ -5,6 +5,7 @@ use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use crossbeam_channel::Receiver;
 use pfd_geometry::{Camera, Mask, Stamp};
 use pfd_parameters::{NodeConfig, Queue};
 use pfd_pipeline::SlamConfig;
@@ -34,15 +35,27 @@ pub struct TrackingJob {
     pub frame_id: String,
     /// When it arrived.
     pub received: Instant,
-    /// The images with what moves in them, where that was found in this process; or why there are none.
-    pub work: anyhow::Result<(Frame, Option<Segmented>)>,
+    /// The images, or why there are none.
+    pub frame: anyhow::Result<Arc<Frame>>,
+    /// Where to ask for what moves in them, if that is found in this process.
+    pub segmented: Option<Receiver<anyhow::Result<Segmented>>>,
 }
 
 impl TrackingJob {
     /// A frame whose mask comes from another node.
     pub fn from_messages(raw: &RawFrame) -> Self {
-        let work = Frame::decode(raw).map(|frame| (frame, None)).map_err(anyhow::Error::from);
-        Self { stamp: raw.stamp(), frame_id: raw.frame_id().to_owned(), received: raw.received, work }
+        let frame = Frame::decode(raw).map(Arc::new).map_err(anyhow::Error::from);
+        Self::new(raw, frame, None)
+    }
+
+    /// A frame that was decoded, or could not be.
+    pub fn new(
+        raw: &RawFrame,
+        frame: anyhow::Result<Arc<Frame>>,
+        segmented: Option<Receiver<anyhow::Result<Segmented>>>,
+    ) -> Self {
+        let (stamp, frame_id, received) = (raw.stamp(), raw.frame_id().to_owned(), raw.received);
+        Self { stamp, frame_id, received, frame, segmented }
     }
 }
 
@@ -157,6 +170,13 @@ impl SlamProcessor {
         Ok(())
     }
 
+    /// Begins with a frame whose mask is still being made. Returns how long that took, ms.
+    fn look_ahead(&self, frame: &Frame) -> anyhow::Result<f64> {
+        let start = Instant::now();
+        self.parts.shared.tracker().as_mut().context("there is no tracker")?.look_ahead(&frame.images)?;
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
     /// Tracks a frame and publishes its pose as soon as it is known: what the map takes in can wait.
     fn track(
         &mut self,
@@ -176,13 +196,16 @@ impl SlamProcessor {
         Ok((tracked, (locating + start.elapsed()).as_secs_f64() * 1e3))
     }
 
-    fn work(&mut self, frame: &Frame, received: Instant, segmented: Option<Segmented>) -> anyhow::Result<()> {
+    fn work(&mut self, job: TrackingJob) -> anyhow::Result<()> {
+        let frame = &*job.frame?;
         let settings = self.settings.get();
         self.prepare(frame, &settings.slam, settings.node.queue)?;
-        let Received::Track(received) = self.mask(frame.images.stamp(), received, &settings) else { return Ok(()) };
+        let ahead_ms = if self.is_to_wait(job.stamp, &settings) { self.look_ahead(frame)? } else { 0.0 };
+        let segmented = job.segmented.map(|made| made.recv().context("segmentation has ended")?).transpose()?;
+        let Received::Track(received) = self.mask(job.stamp, job.received, &settings) else { return Ok(()) };
         let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
         let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here), &settings.node)?;
-        let outcome = Outcome { segmented, tracked, tracking_ms };
+        let outcome = Outcome { segmented, tracked, tracking_ms: ahead_ms + tracking_ms };
         let made_here = outcome.segmented.as_ref().map(|s| &s.segmentation.mask);
         let mask = received.as_ref().or(made_here);
         let looked_for = mask.filter(|_| settings.slam.mode != Mode::None);
@@ -190,6 +213,19 @@ impl SlamProcessor {
         self.report(&outcome, mask);
         self.record(&outcome, mask);
         Ok(())
+    }
+
+    /// Whether the mask of a frame is still being made, as far as is known.
+    fn is_to_wait(&self, stamp: Stamp, settings: &Settings) -> bool {
+        match self.kind {
+            Kind::Composed => true,
+            Kind::Tracking => {
+                let masks = &self.parts.masks;
+                settings.slam.mode != Mode::None
+                    && masks.are_expected()
+                    && masks.newest().is_none_or(|newest| newest < stamp)
+            }
+        }
     }
 
     /// The mask from the other node, for a frame that arrived at `received`. A live camera's frame that segmentation passed over is
@@ -327,11 +363,12 @@ impl Processor for SlamProcessor {
             self.parts.health.report(Level::Warn, "paused".into(), Vec::new());
             return Ok(());
         }
-        let result = job.work.and_then(|(frame, segmented)| self.work(&frame, job.received, segmented));
+        let (stamp, frame_id) = (job.stamp, job.frame_id.clone());
+        let result = self.work(job);
         if result.is_err()
             && let Some(output) = self.parts.tracks.get()
         {
-            output.publish_failure(&job.frame_id, job.stamp);
+            output.publish_failure(&frame_id, stamp);
         }
         result
     }

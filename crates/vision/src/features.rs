@@ -87,6 +87,8 @@ pub struct FeatureExtractor {
 struct Level {
     image: Mat,
     blurred: Mat,
+    /// All that were detected; none where the level is too small for descriptors.
+    corners: Vec<Corner>,
 }
 
 /// A corner in the coordinates of its level.
@@ -109,22 +111,33 @@ impl FeatureExtractor {
         &self.options
     }
 
-    /// Features of `image` that lie outside the dynamic pixels of `mask`, at least `margin` pixels from them.
+    /// Takes an image: all of the work that does not depend on a mask.
+    ///
+    /// # Errors
+    /// When OpenCV fails.
+    pub fn load(&mut self, image: &GrayImage) -> Result<(), VisionError> {
+        self.build_pyramid(image)?;
+        let kernel = Size::new(BLUR_KERNEL, BLUR_KERNEL);
+        for Level { image, blurred, corners } in &mut self.levels {
+            corners.clear();
+            if image.cols() > 2 * BORDER && image.rows() > 2 * BORDER {
+                *corners = detect(image, &self.options)?;
+                opencv::imgproc::gaussian_blur_def(image, blurred, kernel, BLUR_SIGMA)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Features of the last image that lie outside the dynamic pixels of `mask`, at least `margin` pixels from them.
     ///
     /// # Errors
     /// When the sizes of image and mask differ, or OpenCV fails.
-    pub fn extract(
-        &mut self,
-        image: &GrayImage,
-        mask: Option<&Mask>,
-        margin: usize,
-    ) -> Result<Vec<Feature>, VisionError> {
-        if let Some(mask) = mask
-            && mask.image().size() != image.size()
-        {
-            return Err(VisionError::SizeMismatch(image.size(), mask.image().size()));
+    pub fn extract(&self, mask: Option<&Mask>, margin: usize) -> Result<Vec<Feature>, VisionError> {
+        let image = self.levels[0].image.size()?;
+        let size = (image.width as usize, image.height as usize);
+        if let Some(mask) = mask.filter(|mask| mask.image().size() != size) {
+            return Err(VisionError::SizeMismatch(size, mask.image().size()));
         }
-        self.build_pyramid(image)?;
         let mut features = Vec::with_capacity(self.options.count + self.options.count / 4);
         for level in 0..self.levels.len() {
             self.extract_level(level, mask.map(|m| (m, margin)), &mut features)?;
@@ -164,25 +177,19 @@ impl FeatureExtractor {
     }
 
     fn extract_level(
-        &mut self,
+        &self,
         level: usize,
         mask: Option<(&Mask, usize)>,
         out: &mut Vec<Feature>,
     ) -> Result<(), VisionError> {
         let quota = self.quota(level);
         let scale = self.options.level_scale(level as u8);
-        let Level { image, blurred } = &mut self.levels[level];
-        if image.cols() <= 2 * BORDER || image.rows() <= 2 * BORDER {
-            return Ok(());
-        }
-        let kept = |corner: &Corner| mask.is_none_or(|(mask, margin)| !is_masked(mask, margin, corner, scale));
-        let corners: Vec<Corner> = detect(image, &self.options)?.into_iter().filter(kept).collect();
-        let corners = spread(corners, image.size()?, quota);
+        let Level { image, blurred, corners } = &self.levels[level];
+        let kept = |corner: &&Corner| mask.is_none_or(|(mask, margin)| !is_masked(mask, margin, corner, scale));
+        let corners = spread(corners.iter().filter(kept).copied().collect(), image.size()?, quota);
         if corners.is_empty() {
             return Ok(());
         }
-        let kernel = Size::new(BLUR_KERNEL, BLUR_KERNEL);
-        opencv::imgproc::gaussian_blur_def(image, blurred, kernel, BLUR_SIGMA)?;
         let (pixels, smooth) = (image.data_typed::<u8>()?, blurred.data_typed::<u8>()?);
         let stride = image.cols() as usize;
         out.extend(corners.iter().map(|corner| {
@@ -375,7 +382,9 @@ mod tests {
                 mask.set(u, v, true);
             }
         }
-        let features = FeatureExtractor::new(OPTIONS).extract(&image, Some(&mask), 4).unwrap();
+        let mut extractor = FeatureExtractor::new(OPTIONS);
+        extractor.load(&image).unwrap();
+        let features = extractor.extract(Some(&mask), 4).unwrap();
         assert!(features.len() > 100);
         assert!(features.iter().all(|f| f.u > 160.0), "corners move by a pixel of their level at most");
     }
@@ -387,7 +396,11 @@ mod tests {
         let shifted: Vec<u8> = shifted_pixels.map(|(u, v)| image[((u + 315) % 320, v)]).collect();
         let shifted = Image::from_vec(320, 240, shifted).unwrap();
         let mut extractor = FeatureExtractor::new(FeatureOptions { levels: 1, ..OPTIONS });
-        let (a, b) = (extractor.extract(&image, None, 0).unwrap(), extractor.extract(&shifted, None, 0).unwrap());
+        let mut features = |image: &GrayImage| {
+            extractor.load(image).unwrap();
+            extractor.extract(None, 0).unwrap()
+        };
+        let (a, b) = (features(&image), features(&shifted));
         let found = a
             .iter()
             .filter(|f| f.u > 40.0 && f.u < 280.0)
@@ -431,15 +444,18 @@ mod tests {
     #[test]
     fn tiny_and_flat_images_have_no_features() {
         for (width, height) in [(1, 1), (8, 8), (40, 39), (64, 64)] {
-            let image = Image::filled(width, height, 100_u8);
-            assert!(FeatureExtractor::new(OPTIONS).extract(&image, None, 0).unwrap().is_empty());
+            let mut extractor = FeatureExtractor::new(OPTIONS);
+            extractor.load(&squares(320, 240)).unwrap();
+            extractor.load(&Image::filled(width, height, 100_u8)).unwrap();
+            assert!(extractor.extract(None, 0).unwrap().is_empty());
         }
     }
 
     #[test]
     fn wrong_mask_size_is_an_error() {
-        let image = squares(320, 240);
-        let result = FeatureExtractor::new(OPTIONS).extract(&image, Some(&Mask::empty(10, 10)), 0);
+        let mut extractor = FeatureExtractor::new(OPTIONS);
+        extractor.load(&squares(320, 240)).unwrap();
+        let result = extractor.extract(Some(&Mask::empty(10, 10)), 0);
         assert!(matches!(result, Err(VisionError::SizeMismatch(..))));
     }
 }

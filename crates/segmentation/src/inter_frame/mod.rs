@@ -89,7 +89,8 @@ impl InterFrame {
 
     /// The transformation from the previous frame to `gray`; `None` for the first frame and where too few points match.
     pub(crate) fn step(&mut self, gray: &GrayImage) -> Result<Option<Transformation>, VisionError> {
-        let features = self.extractor.extract(gray, None, 0)?; // step 0
+        self.extractor.load(gray)?;
+        let features = self.extractor.extract(None, 0)?; // step 0
         self.current.rebuild(gray, &self.flow)?;
         let found = if self.previous.is_empty() { None } else { self.relate(&features, gray.size())? };
         std::mem::swap(&mut self.previous, &mut self.current);

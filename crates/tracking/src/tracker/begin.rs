@@ -138,7 +138,7 @@ impl Tracker {
         }
         self.rng = Pcg32::seed_from_u64(self.seed);
         self.state = TrackingState::NotInitialized;
-        self.last_stamp = None;
+        (self.last_stamp, self.loaded) = (None, None);
         self.lost_since = None;
         self.first_frames = None;
         self.active = None;

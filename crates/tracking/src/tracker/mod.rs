@@ -29,6 +29,8 @@ pub struct Tracker {
     camera: Camera,
     config: TrackingConfig,
     extractor: FeatureExtractor,
+    /// The frame whose image the extractor has taken, until it is tracked.
+    loaded: Option<Stamp>,
     seed: u64,
     rng: Pcg32,
     mapper: Mapper,
@@ -80,6 +82,7 @@ impl Tracker {
         Ok(Self {
             camera,
             extractor: FeatureExtractor::new(config.features.options()),
+            loaded: None,
             mapper: Mapper::new(camera, config.clone(), seed),
             config: config.clone(),
             seed,
@@ -124,6 +127,18 @@ impl Tracker {
         Ok(self.extend_map(located))
     }
 
+    /// Does what can be done of [`Self::locate`] before the mask is known. Whoever waits for a mask gains that time; nothing else changes.
+    ///
+    /// # Errors
+    /// When the frame does not fit the camera, or OpenCV fails.
+    pub fn look_ahead(&mut self, frame: &RgbdFrame) -> Result<(), TrackingError> {
+        frame.check_camera(&self.camera)?;
+        self.loaded = None;
+        self.extractor.load(frame.gray())?;
+        self.loaded = Some(frame.stamp());
+        Ok(())
+    }
+
     /// The first half of [`Self::track`]: the pose. It can be used while [`Self::extend_map`] is still at work.
     ///
     /// # Errors
@@ -134,6 +149,9 @@ impl Tracker {
             return Err(TrackingError::OutOfOrder { stamp: frame.stamp(), last });
         }
         let mut timing = StageTimes::default();
+        if self.loaded.take() != Some(frame.stamp()) {
+            timing.measure("corners", || self.extractor.load(frame.gray()))?;
+        }
         let features = timing.measure("features", || self.extract(frame, mask))?;
         if self.config.mapping.enabled {
             self.mapper.refresh_shutters(self.refinement.readout());
@@ -165,8 +183,9 @@ impl Tracker {
         TrackedFrame { keyframes: map.keyframe_count() as u32, map_points: map.point_count() as u32, timing, ..tracked }
     }
 
-    fn extract(&mut self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<ImageFeatures, TrackingError> {
-        let features = self.extractor.extract(frame.gray(), mask, self.config.features.mask_margin)?;
+    /// Features of the frame that the extractor has taken.
+    fn extract(&self, frame: &RgbdFrame, mask: Option<&Mask>) -> Result<ImageFeatures, TrackingError> {
+        let features = self.extractor.extract(mask, self.config.features.mask_margin)?;
         let patches = self.extractor.patches(&features)?;
         let mut features = ImageFeatures::new(features, frame, &self.config).with_patches(patches);
         let followed = self.active.as_ref().filter(|_| self.state != TrackingState::Lost);
