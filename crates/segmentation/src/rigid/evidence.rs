@@ -6,6 +6,7 @@
 
 use pfd_geometry::{DepthNoise, GrayImage};
 
+use super::luma;
 use super::reference::{Appearance, RANGE_RADIUS, Warp};
 use super::regions::BACKGROUND;
 use super::static_model::ModelPoint;
@@ -153,6 +154,18 @@ impl Field {
         (cues[Cue::SameTexture as usize], cues[Cue::SamePlace as usize]) = (0.0, 0.0);
     }
 
+    /// Adds `weight` of what corners that move on their own say of a pixel near them. Where it may be `behind` them what the static model
+    /// explains is no part of what they lie on.
+    pub(crate) fn blame(&mut self, index: usize, weight: f32, behind: bool) {
+        let share = if behind { 1.0 - self.explained[index] } else { 1.0 };
+        self.observe(index, Cue::OwnMotion, share * weight);
+    }
+
+    /// Whether a pixel is known to show other than the static model.
+    pub(crate) fn stands_apart(&self, index: usize) -> bool {
+        self.changed[index] == Some(true)
+    }
+
     /// Adds `weight` of what `cue` says of motion between frames.
     pub(crate) fn add_motion(&mut self, index: usize, cue: Cue, weight: f32) {
         self.observe(index, cue, weight);
@@ -231,7 +244,7 @@ impl Scene<'_> {
     }
 
     /// Significant difference of two depths around `z`, metres.
-    fn tolerance(&self, z: f32) -> f32 {
+    pub(crate) fn tolerance(&self, z: f32) -> f32 {
         let (offset, quadratic) = (self.noise.offset as f32, self.noise.quadratic as f32);
         self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z) + RELATIVE_ERROR * z
     }
@@ -347,7 +360,7 @@ impl Scene<'_> {
                     field.changed[i] = (certainty > CERTAIN).then_some(true);
                     field.insist(i, Cue::BeforeModel, BEFORE_MODEL);
                 }
-                Relation::Same if self.is_other_surface(i, model[i].gray + offset) => {
+                Relation::Same if self.is_other_surface(i, model, offset) => {
                     field.changed[i] = (certainty > CERTAIN).then_some(true);
                     field.observe(i, Cue::OtherLuma, OTHER_LUMA * certainty);
                 }
@@ -363,11 +376,20 @@ impl Scene<'_> {
         }
     }
 
-    /// Whether a pixel where the static model expects the luma `expected` shows another surface: no shadow that falls on it or leaves it, nor
-    /// a slip of twice the uncertainty of the warp explains its own.
-    fn is_other_surface(&self, i: usize, expected: f32) -> bool {
-        let (now, then) = (f32::from(self.frame.gray.pixels()[i]), expected.max(0.0));
-        now.max(then) > DEEPEST_SHADOW * now.min(then) + LUMA_TOLERANCE + 2.0 * self.gradient[i]
+    /// Whether a pixel shows another surface than the static model: no shadow that falls on it or leaves it explains its luma, nor does one
+    /// on what the model has a pixel beside it.
+    fn is_other_surface(&self, i: usize, model: &[ModelPoint], offset: f32) -> bool {
+        let now = f32::from(self.frame.gray.pixels()[i]);
+        let differs = |expected: f32| {
+            let then = expected.max(0.0);
+            now.max(then) > DEEPEST_SHADOW * now.min(then) + LUMA_TOLERANCE
+        };
+        // Most pixels do not, and need no look at their neighbours.
+        if !differs(model[i].gray + offset) {
+            return false;
+        }
+        let believed = |j: usize| model[j].is_believed().then_some(model[j].gray + offset);
+        luma::range(self.camera, i, believed).is_some_and(|[low, high]| differs(now.clamp(low, high)))
     }
 
     fn compare_luma(&self, i: usize, point: &ModelPoint, offset: f32, field: &mut Field) {
@@ -585,8 +607,23 @@ mod tests {
     #[test]
     fn a_shadow_is_no_other_surface_and_what_is_darker_still_is_one() {
         assert_eq!([other_luma(200.0, 200.0), other_luma(200.0, 130.0), other_luma(130.0, 200.0)], [0; 3]);
-        assert_eq!([other_luma(200.0, 60.0), other_luma(60.0, 200.0)], [CAMERA.pixels() / 2; 2]);
+        // Where the halves touch it may be the other half that is seen.
+        let all_but_a_row = CAMERA.pixels() / 2 - CAMERA.width;
+        assert_eq!([other_luma(200.0, 60.0), other_luma(60.0, 200.0)], [all_but_a_row; 2]);
         assert_eq!(other_luma(25.0, 5.0), 0, "noise of a dark surface");
+    }
+
+    #[test]
+    fn what_the_static_model_explains_is_not_blamed_on_what_is_before_it() {
+        let mut field = Field::default();
+        field.clear(1);
+        let mut blamed = |explained: f32, behind: bool| {
+            field.explained[0] = explained;
+            field.cues[0][Cue::OwnMotion as usize] = 0.0;
+            field.blame(0, 0.3, behind);
+            field.cues[0][Cue::OwnMotion as usize]
+        };
+        assert_eq!([blamed(0.0, true), blamed(1.0, true), blamed(1.0, false)], [0.3, 0.0, 0.3]);
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod ego_motion;
 mod evidence;
 mod exposure;
 mod large_planes;
+mod luma;
 mod missing_depth;
 mod model_alignment;
 mod motion;

@@ -1,9 +1,10 @@
 //! Moving things through time: identity, image motion, rest.
 
+use super::luma;
 use super::motion::CornerMove;
 use super::regions::{BACKGROUND, Component};
 use super::surfaces::{NO_SURFACE, Surfaces};
-use super::view::Pinhole;
+use super::view::{Pinhole, ViewFrame};
 
 /// A moving thing.
 #[derive(Clone, Debug)]
@@ -102,6 +103,9 @@ enum Origin {
 
 /// A surface keeps its label only where depth changed more slowly than this, metres per second: nothing in a room comes nearer as fast.
 const MAX_APPROACH: f32 = 3.0;
+/// A pixel without depth keeps its label only where luma changed by less than this, grey levels: shading and noise. Else something has left
+/// it, or has come.
+const MAX_LUMA_CHANGE: f32 = 20.0;
 /// Log-odds of pixels that belong to an object only because the rest of its surface does.
 const COMPLETED_ODDS: f32 = 0.8;
 /// Liveliness from which weak evidence against motion counts fully: all of such an object is seen to move, what does not was
@@ -172,7 +176,7 @@ impl Objects {
     }
 
     /// Carries the labels into the current frame, `dt` seconds later: each object by its own image motion.
-    pub(crate) fn carry(&mut self, camera: &Pinhole, previous: &[f32], current: &[f32], dt: f64) {
+    pub(crate) fn carry(&mut self, camera: &Pinhole, (previous, current): (&ViewFrame, &ViewFrame), dt: f64) {
         let largest_step = MAX_APPROACH * dt as f32;
         self.carried.fill(BACKGROUND);
         self.confidences.clear();
@@ -183,8 +187,7 @@ impl Objects {
             for &i in &object.pixels {
                 let (u, v) = ((i as usize % camera.width) as f32 + dx, (i as usize / camera.width) as f32 + dy);
                 let Some(j) = camera.nearest([u, v]) else { continue };
-                let (from, to) = (previous[i as usize], current[j]);
-                if from == 0.0 || to == 0.0 || (from - to).abs() < largest_step {
+                if may_show_the_same(camera, (previous, i as usize), (current, j), largest_step) {
                     self.carried[j] = object.label;
                     self.carried_odds[j] = self.odds[i as usize];
                 }
@@ -355,6 +358,23 @@ impl Objects {
     }
 }
 
+/// Whether two pixels of two frames may show the same: their depths differ by no more than `largest_step` metres, or, where one has none,
+/// luma is that of the first or of what is beside it.
+fn may_show_the_same(
+    camera: &Pinhole,
+    (previous, i): (&ViewFrame, usize),
+    (current, j): (&ViewFrame, usize),
+    largest_step: f32,
+) -> bool {
+    let (from, to) = (previous.depth.pixels()[i], current.depth.pixels()[j]);
+    if from > 0.0 && to > 0.0 {
+        return (from - to).abs() < largest_step;
+    }
+    let gray = f32::from(current.gray.pixels()[j]);
+    let beside = luma::range(camera, i, |i| Some(f32::from(previous.gray.pixels()[i])));
+    beside.is_some_and(|[low, high]| gray > low - MAX_LUMA_CHANGE && gray < high + MAX_LUMA_CHANGE)
+}
+
 /// The middle value; `None` for no values.
 pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
     let middle = values.len().checked_sub(1)? / 2;
@@ -365,9 +385,16 @@ pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pfd_geometry::Image;
     use std::ops::Range;
 
     const CAMERA: Pinhole = Pinhole { width: 10, height: 2, fx: 10.0, fy: 10.0, cx: 4.5, cy: 0.5 };
+
+    /// A grey frame of these depths.
+    fn view(depth: &[f32]) -> ViewFrame {
+        let depth = Image::from_vec(CAMERA.width, CAMERA.height, depth.to_vec()).unwrap();
+        ViewFrame { gray: Image::filled(CAMERA.width, CAMERA.height, 100), depth }
+    }
 
     fn component(pixels: Range<u32>) -> Component {
         Component { pixels: pixels.collect() }
@@ -412,11 +439,11 @@ mod tests {
         let mut objects = Objects::default();
         objects.clear(20);
         (0..20).for_each(|_| {
-            objects.carry(&CAMERA, &[1.0; 20], &[1.0; 20], 0.03);
+            objects.carry(&CAMERA, (&view(&[1.0; 20]), &view(&[1.0; 20])), 0.03);
             objects.update(vec![component(0..9)], &[1.0; 20], 1.0);
         });
         let whole = objects.list[0].clone();
-        objects.carry(&CAMERA, &[1.0; 20], &[1.0; 20], 0.03);
+        objects.carry(&CAMERA, (&view(&[1.0; 20]), &view(&[1.0; 20])), 0.03);
         objects.update(vec![component(0..2), component(3..9), component(15..17)], &[0.0; 20], 2.0);
         let [small, large, new] = &objects.list[..] else { panic!("{:?}", objects.list) };
         assert_eq!((large.id, large.peak), (whole.id, whole.peak));
@@ -426,11 +453,29 @@ mod tests {
     }
 
     #[test]
+    fn labels_stay_where_depth_or_else_luma_does() {
+        let (near, far, none) = ([1.0; 20], [2.0; 20], [0.0; 20]);
+        let carried = |before: &[f32], now: &[f32], gray: u8| {
+            let mut objects = Objects::default();
+            objects.clear(20);
+            objects.update(vec![component(2..5)], &[1.0; 20], 1.0);
+            let mut current = view(now);
+            current.gray.pixels_mut()[3] = gray;
+            objects.carry(&CAMERA, (&view(before), &current), 0.03);
+            objects.carried().iter().filter(|l| **l != BACKGROUND).count()
+        };
+        assert_eq!([100, 200].map(|gray| carried(&near, &near, gray)), [3, 3], "depth says that it is the same");
+        assert_eq!([100, 200].map(|gray| carried(&near, &far, gray)), [0, 0]);
+        assert_eq!([100, 115, 200, 30].map(|gray| carried(&near, &none, gray)), [3, 3, 2, 2]);
+        assert_eq!([100, 200].map(|gray| carried(&none, &near, gray)), [3, 2]);
+    }
+
+    #[test]
     fn an_object_goes_on_without_depth_if_it_had_some_and_what_parts_from_it_then_does_not() {
         let mut objects = Objects::default();
         objects.clear(20);
         let mut step = |components: Vec<Component>, depth: [f32; 20]| {
-            objects.carry(&CAMERA, &depth, &depth, 0.03);
+            objects.carry(&CAMERA, (&view(&depth), &view(&depth)), 0.03);
             objects.update(components, &[1.0; 20], 1.0);
             let unmeasured = objects.mark_unmeasured(&depth);
             objects.list.iter().map(|o| unmeasured[o.label as usize]).collect::<Vec<_>>()

@@ -1,9 +1,8 @@
 //! Which corner speaks for which pixels, and which corners move together.
 //!
 //! Each corner owns the part of its surface that is nearer to it, along the surface, than to any other corner: its cell of the geodesic
-//! Voronoi diagram. Corners that leave the
-//! camera motion in the same way, side by side, are a mover, and evidence over their territories finds all of it in two frames. The
-//! still corners around it hold theirs: a mover that touches a desk does not take it along.
+//! Voronoi diagram. Corners that leave the camera motion in the same way, side by side, are a mover, and evidence over their territories
+//! finds all of it in two frames. The still corners around it hold theirs: a mover that touches a desk does not take it along.
 
 use pfd_geometry::DepthNoise;
 

@@ -35,6 +35,17 @@ pub(crate) fn elect(surfaces: &Surfaces, corners: &[CornerMove]) -> Vec<bool> {
     votes.iter().zip(&surfaces.list).map(|(votes, surface)| votes.agree_on_motion(surface.pixels)).collect()
 }
 
+/// For each surface, whether `holds` for more than half of the corners with depth on it.
+pub(crate) fn majority(surfaces: &Surfaces, corners: &[CornerMove], holds: impl Fn(&CornerMove) -> bool) -> Vec<bool> {
+    let mut lead = vec![0_i32; surfaces.list.len()];
+    for corner in corners.iter().filter(|c| c.chi2.is_some()) {
+        if let Some(lead) = lead.get_mut(surfaces.labels[corner.to] as usize) {
+            *lead += if holds(corner) { 1 } else { -1 };
+        }
+    }
+    lead.into_iter().map(|lead| lead > 0).collect()
+}
+
 /// Of the surfaces elected, those that are things.
 pub(crate) fn are_things(surfaces: &Surfaces, camera: &Pinhole, elected: &mut [bool]) {
     for (elected, surface) in elected.iter_mut().zip(&surfaces.list) {
@@ -137,6 +148,20 @@ mod tests {
             on_objects(&objects)
         };
         assert_eq!([(9, true), (11, true), (11, false)].map(moving), [0, 20 * 12, 11 * 12]);
+    }
+
+    #[test]
+    fn the_majority_is_counted_on_each_surface() {
+        let (_, surfaces, _) = plate(20, false);
+        let corner = |to: usize, chi2| CornerMove { from: to, to, displacement: [0.0; 2], residual: [0.0; 2], chi2 };
+        // On the plate three, of which two hold; on the wall two, of which one does, and one without depth.
+        let corners: Vec<CornerMove> = [(412, Some(1.0)), (415, Some(1.0)), (418, Some(1.0)), (2, Some(1.0))]
+            .into_iter()
+            .chain([(36, Some(1.0)), (38, None)])
+            .map(|(to, chi2)| corner(to, chi2))
+            .collect();
+        let most = majority(&surfaces, &corners, |c| c.to != 412 && c.to != 2);
+        assert_eq!([most[surfaces.labels[415] as usize], most[surfaces.labels[2] as usize]], [true, false]);
     }
 
     fn on_objects(objects: &Objects) -> usize {

@@ -37,7 +37,7 @@ impl RigidSegmenter {
         self.field.clear(camera.pixels());
         self.flow = estimate.flow;
         self.objects.update_velocities(&estimate.corners, dt);
-        self.objects.carry(&camera, self.previous.depth.pixels(), self.current.depth.pixels(), dt);
+        self.objects.carry(&camera, (&self.previous, &self.current), dt);
         let motion = self.anchor(&estimate.motion, estimate.flow);
         for reference in &mut self.history {
             reference.motion = reference.motion.then(&motion);
@@ -104,9 +104,10 @@ impl RigidSegmenter {
             (&self.view.camera, Relief::new(&self.noise, self.current.depth.pixels(), &self.planes.labels));
         self.surfaces.describe(camera, &relief, |_| Some(1.0));
         things::are_things(&self.surfaces, camera, &mut moves);
+        let apart = things::majority(&self.surfaces, corners, |c| self.field.stands_apart(c.to));
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {
             if moves.get(surface as usize).is_some_and(|m| *m) {
-                self.field.observe(i, Cue::OwnMotion, MOVING_THING);
+                self.field.blame(i, MOVING_THING, apart[surface as usize]);
             }
         }
     }
@@ -126,10 +127,23 @@ impl RigidSegmenter {
         for (corner, pixels) in self.territories.owned(&camera) {
             match verdicts[corner] {
                 Verdict::Silent => {}
-                Verdict::Moving => pixels.iter().for_each(|&i| self.field.observe(i, Cue::OwnMotion, moving)),
+                Verdict::Moving => {
+                    let limit = self.behind(corners[corner].to);
+                    let depth = self.current.depth.pixels();
+                    for i in pixels {
+                        self.field.blame(i, moving, depth[i] > limit);
+                    }
+                }
                 Verdict::Still => pixels.iter().for_each(|&i| self.field.add_static(i, STILL_CORNER)),
             }
         }
+    }
+
+    /// Depth beyond which a surface is behind that of a corner, metres. None is, as far as is known, if the corner does not stand before the
+    /// static model: it may have set off just now from where the model has it.
+    fn behind(&self, corner: usize) -> f32 {
+        let z = self.current.depth.pixels()[corner];
+        if self.field.stands_apart(corner) { z + self.scene().tolerance(z) } else { f32::INFINITY }
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -211,5 +225,24 @@ fn splat(camera: &Pinhole, centre: usize, field: &mut Field) {
         for x in u.saturating_sub(CORNER_RADIUS)..(u + CORNER_RADIUS + 1).min(camera.width) {
             field.add_motion(y * camera.width + x, Cue::OwnMotion, CORNER);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::SegmentationConfig;
+    use crate::rigid::view::ViewFrame;
+    use pfd_geometry::{Camera, Distortion, Image};
+
+    #[test]
+    fn what_is_behind_a_corner_is_known_only_of_corners_that_stand_before_the_static_model() {
+        let camera = Camera::new((320, 240), [260.0, 260.0, 159.5, 119.5], Distortion::default()).unwrap();
+        let mut segmenter = RigidSegmenter::new(&camera, &SegmentationConfig::default(), 0);
+        segmenter.current = ViewFrame { gray: Image::filled(320, 240, 0), depth: Image::filled(320, 240, 2.0) };
+        segmenter.field.clear(320 * 240);
+        segmenter.field.changed[7] = Some(true);
+        assert!((2.03..2.15).contains(&segmenter.behind(7)), "{}", segmenter.behind(7));
+        assert_eq!(segmenter.behind(8), f32::INFINITY);
     }
 }
