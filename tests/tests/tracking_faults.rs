@@ -87,7 +87,7 @@ impl Run {
 }
 
 #[test]
-fn looking_ahead_changes_nothing_not_even_at_another_frame() {
+fn corners_detected_in_advance_change_nothing_not_even_those_of_another_frame() {
     let (mut plain, mut ahead) = (Run::new(), Run::new());
     for i in 0..12 {
         let (frame, mask) = (plain.frame(i), plain.mask(i));
@@ -96,7 +96,7 @@ fn looking_ahead_changes_nothing_not_even_at_another_frame() {
             7 => ahead.frame(i + 1),
             _ => ahead.frame(i),
         };
-        ahead.tracker.look_ahead(&other).unwrap();
+        ahead.tracker.detect_corners(&other).unwrap();
         let (a, b) = (plain.track(&frame, Some(&mask)), ahead.track(&frame, Some(&mask)));
         assert!(a.T_world_camera.is_some());
         assert_eq!((a.T_world_camera, a.features, a.inliers), (b.T_world_camera, b.features, b.inliers), "frame {i}");
@@ -106,7 +106,7 @@ fn looking_ahead_changes_nothing_not_even_at_another_frame() {
         Image::filled(8, 8, [0; 3]),
         DepthImage::from_metres(Image::filled(8, 8, 0.0)),
     );
-    assert!(ahead.tracker.look_ahead(&small.unwrap()).is_err());
+    assert!(ahead.tracker.detect_corners(&small.unwrap()).is_err());
 }
 
 #[test]

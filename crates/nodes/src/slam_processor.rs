@@ -170,10 +170,10 @@ impl SlamProcessor {
         Ok(())
     }
 
-    /// Begins with a frame whose mask is still being made. Returns how long that took, ms.
-    fn look_ahead(&self, frame: &Frame) -> anyhow::Result<f64> {
+    /// Detects the corners of a frame whose mask is still being made. Returns how long that took, ms.
+    fn detect_corners(&self, frame: &Frame) -> anyhow::Result<f64> {
         let start = Instant::now();
-        self.parts.shared.tracker().as_mut().context("there is no tracker")?.look_ahead(&frame.images)?;
+        self.parts.shared.tracker().as_mut().context("there is no tracker")?.detect_corners(&frame.images)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
@@ -200,12 +200,12 @@ impl SlamProcessor {
         let frame = &*job.frame?;
         let settings = self.settings.get();
         self.prepare(frame, &settings.slam, settings.node.queue)?;
-        let ahead_ms = if self.is_to_wait(job.stamp, &settings) { self.look_ahead(frame)? } else { 0.0 };
+        let detection_ms = if self.is_to_wait(job.stamp, &settings) { self.detect_corners(frame)? } else { 0.0 };
         let segmented = job.segmented.map(|made| made.recv().context("segmentation has ended")?).transpose()?;
         let Received::Track(received) = self.mask(job.stamp, job.received, &settings) else { return Ok(()) };
         let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
         let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here), &settings.node)?;
-        let outcome = Outcome { segmented, tracked, tracking_ms: ahead_ms + tracking_ms };
+        let outcome = Outcome { segmented, tracked, tracking_ms: detection_ms + tracking_ms };
         let made_here = outcome.segmented.as_ref().map(|s| &s.segmentation.mask);
         let mask = received.as_ref().or(made_here);
         let looked_for = mask.filter(|_| settings.slam.mode != Mode::None);

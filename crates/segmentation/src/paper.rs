@@ -200,15 +200,10 @@ impl PaperSegmenter {
         let Some(interval) = self.depth_interval(members, depth) else { return Ok(None) };
         let (columns, _) = extent(members);
         // The ROI has the full height of the image and the width of the cluster (section 3.2).
-        let (width, binary) = (self.size.0, &mut self.buffers.binary);
-        binary.assign(
-            depth
-                .image()
-                .pixels()
-                .iter()
-                .enumerate()
-                .map(|(i, &z)| columns.contains(&(i % width)) && z > 0.0 && z >= interval[0] && z <= interval[1]),
-        );
+        let (width, depths) = (self.size.0, depth.image().pixels());
+        let is_near = |z: f32| z > 0.0 && (interval[0]..=interval[1]).contains(&z);
+        let inside = depths.iter().enumerate().map(|(i, &z)| columns.contains(&(i % width)) && is_near(z));
+        self.buffers.binary.assign(inside);
         let min_area = MIN_AREA * (self.size.0 * self.size.1) as f64;
         let contour = largest_contour(&self.buffers.binary)?.filter(|c| c.area >= min_area);
         Ok(contour.map(|c| (c, interval)))

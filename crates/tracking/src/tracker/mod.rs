@@ -127,11 +127,12 @@ impl Tracker {
         Ok(self.extend_map(located))
     }
 
-    /// Does what can be done of [`Self::locate`] before the mask is known. Whoever waits for a mask gains that time; nothing else changes.
+    /// Detects the corners of a frame before its mask is known, which [`Self::locate`] does otherwise: whoever waits for the mask gains that
+    /// time, and nothing else changes.
     ///
     /// # Errors
     /// When the frame does not fit the camera, or OpenCV fails.
-    pub fn look_ahead(&mut self, frame: &RgbdFrame) -> Result<(), TrackingError> {
+    pub fn detect_corners(&mut self, frame: &RgbdFrame) -> Result<(), TrackingError> {
         frame.check_camera(&self.camera)?;
         self.loaded = None;
         self.extractor.load(frame.gray())?;
