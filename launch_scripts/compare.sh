@@ -9,7 +9,11 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 environment=$root/out/orbslam3
 bin=${CARGO_TARGET_DIR:-$root/target}/release
-export PATH="$PATH:${HOME:-/}/.cargo/bin"
+export PATH="${HOME:-/}/.cargo/bin:$PATH"
+for sequence in "$@"; do
+    [ -f "$sequence/rgb.txt" ] || { echo "compare.sh: no folder in TUM layout: $sequence" >&2; exit 2; }
+done
+command -v python3 >/dev/null || { echo "compare.sh: python3 is missing: apt-get install python3 python3-venv" >&2; exit 1; }
 (cd "$root" && cargo build --quiet --release --locked --workspace --bins)
 out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
@@ -31,7 +35,8 @@ find_python() {
         fi
     done
     for candidate in python3 python3.11 python3.12 python3.13; do
-        "$candidate" -m venv --clear "$environment" 2>/dev/null || continue
+        command -v "$candidate" >/dev/null || continue
+        "$candidate" -m venv --clear "$environment" >"$out/pip.log" 2>&1 || continue
         echo "Installing pyorbslam3 for $("$candidate" --version) in $environment ..." >&2
         "$environment/bin/pip" install --quiet pyorbslam3 opencv-python-headless >"$out/pip.log" 2>&1 || continue
         if can_run "$environment/bin/python"; then
@@ -39,7 +44,7 @@ find_python() {
             return
         fi
     done
-    echo "ORB-SLAM3 skipped: pyorbslam3 cannot be installed: $(tail -n 1 "$out/pip.log" 2>/dev/null)" >&2
+    echo "ORB-SLAM3 skipped: pyorbslam3 cannot be installed (venv is in package python3-venv): $(tail -n 1 "$out/pip.log")" >&2
     return 1
 }
 

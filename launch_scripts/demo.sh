@@ -7,8 +7,8 @@
 #   --rate R    speed of the replay; default 1; 0 waits for the nodes after each frame, so that a busy machine loses nothing
 # ROS_DOMAIN_ID, where set, is used; otherwise the demo takes one of its own. Everything stays on the loopback interface.
 set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-cd "$root"
+root=$(cd "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/.." && pwd)
+source "$root/launch_scripts/processes.sh"
 
 fail() {
     echo "demo.sh: $*" >&2
@@ -21,23 +21,26 @@ usage() {
 }
 
 read_arguments() {
-    sequence=$root/tests/data/composite-demo out='' composed=0
-    rate=1.0
+    local given=$root/tests/data/composite-demo speed=1 name
+    out='' composed=0
     while [ $# -gt 0 ]; do
         case $1 in
             --out) out=${2:?--out needs a folder} && shift ;;
-            --rate) rate=${2:?--rate needs a number} && shift ;;
+            --rate) speed=${2:?--rate needs a number} && shift ;;
             --composed) composed=1 ;;
             -h | --help) usage 0 ;;
-            -*) usage 2 >&2 ;;
-            *) sequence=$1 ;;
+            -*)
+                echo "demo.sh: unknown option $1" >&2
+                usage 2 >&2
+                ;;
+            *) given=$1 ;;
         esac
         shift
     done
-    sequence=$(realpath -e "$sequence") || fail "no such sequence"
-    local name
+    sequence=$(realpath -e "$given" 2>/dev/null) || fail "no such sequence: $given"
+    rate=$(LC_ALL=C printf '%.3f' "$speed" 2>/dev/null) || fail "--rate needs a number, not '$speed'"
     name=$(basename "$sequence")
-    out=$(realpath -m "${out:-out/demo-${name%.tgz}}")
+    out=$(realpath -m "${out:-$root/out/demo-${name%.tgz}}")
 }
 
 # Images over UDP need room in the kernel's receive buffer.
@@ -53,46 +56,11 @@ check_receive_buffer() {
 }
 
 build() {
-    export PATH="$PATH:${HOME:-/}/.cargo/bin"
+    export PATH="${HOME:-/}/.cargo/bin:$PATH"
     echo "Building (a few minutes the first time) ..."
     # All programs: a choice of packages would build common dependencies anew, with other features than tests and lints use.
     cargo build --release --locked --workspace --bins
     bin=${CARGO_TARGET_DIR:-$root/target}/release
-}
-
-pids=()
-
-any_alive() {
-    local pid
-    for pid in "${pids[@]}"; do
-        if kill -0 "$pid" 2>/dev/null; then return 0; fi
-    done
-    return 1
-}
-
-signal_all() { # SIGNAL
-    local pid
-    for pid in "${pids[@]}"; do kill "-$1" "$pid" 2>/dev/null || true; done
-}
-
-# Ends what was started; a node that does not end by itself within ten seconds is ended.
-stop_all() {
-    trap '' INT TERM HUP
-    trap - EXIT
-    signal_all TERM
-    local tenths=100
-    while any_alive && [ $tenths -gt 0 ]; do
-        sleep 0.1
-        tenths=$((tenths - 1))
-    done
-    signal_all KILL
-    wait
-}
-
-on_signal() { # NAME STATUS
-    stop_all
-    echo "demo.sh: stopped by SIG$1; nothing it started is left running." >&2
-    exit "$2"
 }
 
 start() { # NAME ARGUMENT...: starts a node with its log in the results
@@ -109,12 +77,12 @@ start_nodes() {
     else
         # Without the clock's pressure a mask may take its time.
         local patience=()
-        case $rate in 0 | 0.0) patience=(-p mask_timeout:=30.0) ;; esac
+        case $rate in 0.000) patience=(-p mask_timeout:=30.0) ;; esac
         start segmentation_node -p frames_file:="$out/segmentation.csv" -p mask_directory:="$out/masks"
         start tracking_node -p trajectory_file:="$out/trajectory.txt" -p frames_file:="$out/frames.csv" "${patience[@]}"
     fi
     nodes=("${pids[@]}")
-    start bag_replay_node -p sequence:="$sequence" -p rate:="$(LC_ALL=C printf '%.3f' "$rate")" -p wait_for_subscribers:=${#nodes[@]}
+    start bag_replay_node -p sequence:="$sequence" -p rate:="$rate" -p wait_for_subscribers:=${#nodes[@]}
     replay=${pids[-1]}
 }
 
@@ -158,15 +126,13 @@ stop_nodes() {
 }
 
 read_arguments "$@"
-trap stop_all EXIT
-trap 'on_signal INT 130' INT
-trap 'on_signal TERM 143' TERM
-trap 'on_signal HUP 129' HUP
+stop_at_exit
+cd "$root"
 launch_scripts/install_dependencies.sh
 check_receive_buffer
 build
 # What an earlier demo left, perhaps with other nodes, is not mixed in.
-rm -rf "$out/masks" "$out"/{frames,segmentation}.csv "$out/trajectory.txt"
+rm -rf "$out/masks" "$out"/{frames,segmentation}.csv "$out/trajectory.txt" "$out"/*_node.log "$out"/report.{json,html}
 mkdir -p "$out"
 export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-$((RANDOM % 90 + 10))} ROS_LOCALHOST_ONLY=1
 start_nodes

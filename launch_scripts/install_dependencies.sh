@@ -11,7 +11,8 @@ need() { # PACKAGE COMMAND...: the package is missing if the command fails
 }
 
 has_libclang() {
-    [ -n "${LIBCLANG_PATH:-}" ] || PATH=$PATH:/sbin ldconfig -p | grep -q 'libclang[-.0-9]*\.so' ||
+    # Not grep -q, which may end before ldconfig has written everything, and that would count as a failure.
+    [ -n "${LIBCLANG_PATH:-}" ] || PATH=$PATH:/sbin ldconfig -p | grep 'libclang[-.0-9]*\.so' ||
         compgen -G '/usr/lib/llvm-*/lib/libclang*.so*' >/dev/null
 }
 
@@ -22,15 +23,20 @@ need libopencv-dev pkg-config --exists opencv4
 need clang command -v clang
 need libclang-dev has_libclang
 
-rust_is_missing() {
-    cat >&2 <<'TEXT'
-Rust is missing (1.89 or newer). Install it with
+# Rust of rustup goes before that of the distribution, which may be too old.
+check_rust() {
+    local needed found
+    needed=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/../Cargo.toml")
+    found=$(PATH="${HOME:-/}/.cargo/bin:$PATH" rustc --version 2>/dev/null | cut -d' ' -f2) || found=none
+    if [ "$found" != none ] && printf '%s\n' "$needed" "$found" | sort -C -V; then return; fi
+    cat >&2 <<TEXT
+Rust $needed or newer is needed (found: $found). Install it with
     curl --proto '=https' --tlsv1.2 -sSf https://sh.rustup.rs | sh
-and open a new shell.
+(curl: apt-get install curl ca-certificates), or with \`rustup update\`.
 TEXT
     exit 1
 }
-[ -x "${HOME:-/}/.cargo/bin/cargo" ] || command -v cargo >/dev/null || rust_is_missing
+check_rust
 
 [ ${#missing[@]} -eq 0 ] && exit 0
 
@@ -51,4 +57,4 @@ fi
 echo "Installing: ${missing[*]}"
 "${as_root[@]}" apt-get update -qq
 # shellcheck disable=SC2086  # the command is a list of words
-DEBIAN_FRONTEND=noninteractive "${as_root[@]}" $command
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive $command

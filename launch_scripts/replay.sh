@@ -4,7 +4,8 @@
 # tracking as separate processes.
 sequence=${1:?usage: replay.sh SEQUENCE [RATE] [ROS arguments]}
 rate=${2:-1.0}
-source "$(dirname "$0")/nodes.sh"
+source "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/nodes.sh"
 start_slam "$config/replay.yaml" "${@:3}"
-"$bin/bag_replay_node" --ros-args --params-file "$config/replay.yaml" -p sequence:="$sequence" -p rate:="$rate" \
+start bag_replay_node --params-file "$config/replay.yaml" -p sequence:="$sequence" -p rate:="$rate" \
   -p wait_for_subscribers:=${#pids[@]}
+wait "${pids[-1]}"

@@ -4,11 +4,12 @@
 #   FOLDER  has the sequences; default: $PFD_DATA, else ../shared/data beside the repository. Those that are not there are left out.
 # About three minutes per seed on an idle machine with two cores. Goes on where it was interrupted; out/results has all tables.
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
+root=$(cd "$(dirname "$(realpath "${BASH_SOURCE[0]}")")/.." && pwd)
 case ${1:-} in -*) sed -n '2,5s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit 2 ;; esac
 seeds=${1:-3}
-data=${2:-${PFD_DATA:-../shared/data}}
-export PATH="$PATH:${HOME:-/}/.cargo/bin"
+data=$(realpath -m "${2:-${PFD_DATA:-$root/../shared/data}}")
+cd "$root"
+export PATH="${HOME:-/}/.cargo/bin:$PATH"
 cargo build --release --locked --workspace --bins
 bin=${CARGO_TARGET_DIR:-target}/release
 

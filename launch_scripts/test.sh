@@ -3,5 +3,5 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 launch_scripts/install_dependencies.sh
-export PATH="$PATH:${HOME:-/}/.cargo/bin"
+export PATH="${HOME:-/}/.cargo/bin:$PATH"
 exec cargo test --release --locked --workspace "$@"
