@@ -39,6 +39,6 @@ impl DepthNoise {
 
     /// Whether `depth` (metres) lies in the usable range.
     pub fn is_usable(&self, depth: f64) -> bool {
-        depth >= self.min_depth && depth <= self.max_depth
+        depth > 0.0 && depth >= self.min_depth && depth <= self.max_depth
     }
 }

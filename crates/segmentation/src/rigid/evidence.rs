@@ -260,7 +260,7 @@ impl Scene<'_> {
     }
 
     fn is_usable(&self, z: f32) -> bool {
-        z >= self.noise.min_depth as f32 && z <= self.noise.max_depth as f32
+        self.noise.is_usable(f64::from(z))
     }
 
     /// Compares the current frame with earlier ones, the oldest first, on every [`STRIDE`]th pixel of every [`STRIDE`]th row,

@@ -17,6 +17,7 @@ mod objects;
 mod planes;
 mod reference;
 mod regions;
+mod rematch;
 mod report;
 mod segmenter;
 mod static_model;
@@ -26,5 +27,6 @@ mod things;
 mod undecided;
 mod view;
 mod votes;
+mod witness;
 
 pub(crate) use segmenter::{Outcome, RigidSegmenter};

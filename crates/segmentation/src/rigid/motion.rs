@@ -10,7 +10,9 @@ use rand_pcg::Pcg64Mcg;
 use super::corners::{CornerTracker, Correspondence, with_depth};
 use super::ego_motion::{self, EgoMotion, INLIER_CHI2};
 use super::reference::FrameMotion;
+use super::rematch;
 use super::view::{Motion, Pinhole, ViewFrame};
+use super::witness;
 use crate::config::{Compensation, PfdConfig};
 use crate::result::FailOpenReason;
 
@@ -34,7 +36,7 @@ pub(crate) struct CornerMove {
 pub(crate) struct MotionEstimate {
     pub(crate) motion: FrameMotion,
     pub(crate) corners: Vec<CornerMove>,
-    /// Median image motion of corners, pixels.
+    /// Median image motion that the camera causes, pixels.
     pub(crate) flow: f32,
 }
 
@@ -60,6 +62,8 @@ pub(crate) struct MotionEstimator {
     rng: Pcg64Mcg,
 }
 
+/// Half as many corners as are needed otherwise suffice if more than this share of all surfaces is seen where their motion puts it.
+const MOST: f32 = 0.5;
 /// Share of image cells that must hold agreeing corners: two of sixteen.
 const MIN_SPREAD: f64 = 0.12;
 /// A motion is predicted over no more than this, seconds: nobody turns a camera in the same way for longer.
@@ -110,6 +114,12 @@ impl MotionEstimator {
             // A camera that turned may have stopped.
             solved = self.follow(camera, (previous, current), &Pose::identity(), &trust)?;
         }
+        if solved.is_err() {
+            let guess = rematch::guess(camera, &self.noise, (previous, current), &trust, &mut self.rng)?;
+            if let Some(guess) = guess {
+                solved = self.follow(camera, (previous, current), &guess, &trust)?;
+            }
+        }
         let (T_current_previous, found) = match solved {
             Ok((ego, found)) => (ego.T_current_previous, found),
             Err(reason) if self.fail_open => return Ok(Err(reason)),
@@ -119,7 +129,7 @@ impl MotionEstimator {
         let motion =
             FrameMotion { T_earlier_current: T_current_previous.inverse(), homography: self.homography(&found)? };
         let corners = self.judge(camera, (previous, current), &found, &T_current_previous);
-        let flow = median_length(&corners);
+        let flow = camera_flow(&corners);
         Ok(Ok(MotionEstimate { motion, corners, flow }))
     }
 
@@ -146,12 +156,15 @@ impl MotionEstimator {
         guess: &Pose,
         trust: impl Fn(usize) -> f32,
     ) -> Result<EgoMotion, FailOpenReason> {
-        let tracks = with_depth(camera, found, &previous.depth, &current.depth, trust);
+        let tracks = with_depth(camera, found, &previous.depth, &current.depth, &trust);
         let tracks: Vec<_> = tracks.into_iter().map(|(_, track)| track).collect();
         let needed = self.min_inliers;
         let few = FailOpenReason::FewInliers { inliers: 0, needed };
         let ego = ego_motion::estimate(camera, &self.noise, &tracks, guess, &mut self.rng).ok_or(few)?;
-        if ego.inliers < needed {
+        let motion = Motion::from(&ego.T_current_previous);
+        let share = || witness::seen_again(camera, &self.noise, (previous, current), &motion, |i| trust(i) > 0.0);
+        let enough = ego.inliers >= needed || (2 * ego.inliers >= needed && share() > MOST);
+        if !enough {
             return Err(FailOpenReason::FewInliers { inliers: ego.inliers, needed });
         }
         if ego.spread < MIN_SPREAD {
@@ -198,8 +211,14 @@ impl MotionEstimator {
     }
 }
 
-fn median_length(corners: &[CornerMove]) -> f32 {
-    let mut lengths: Vec<f32> = corners.iter().map(|c| c.displacement[0].hypot(c.displacement[1])).collect();
+/// Median image motion that the camera causes, pixels; that of all corners where none has depth.
+fn camera_flow(corners: &[CornerMove]) -> f32 {
+    let length = |[x, y]: [f32; 2]| x.hypot(y);
+    let caused = |c: &CornerMove| length([c.displacement[0] - c.residual[0], c.displacement[1] - c.residual[1]]);
+    let mut lengths: Vec<f32> = corners.iter().filter(|c| c.chi2.is_some()).map(caused).collect();
+    if lengths.is_empty() {
+        lengths = corners.iter().map(|c| length(c.displacement)).collect();
+    }
     super::objects::median(&mut lengths).unwrap_or(0.0)
 }
 

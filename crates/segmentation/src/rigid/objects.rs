@@ -1,5 +1,7 @@
 //! Moving things through time: identity, image motion, rest.
 
+use pfd_geometry::DepthNoise;
+
 use super::luma;
 use super::motion::CornerMove;
 use super::regions::{BACKGROUND, Component};
@@ -17,6 +19,8 @@ pub(crate) struct Object {
     pub(crate) pixels: Vec<u32>,
     /// Image velocity, working pixels per second.
     pub(crate) velocity: [f32; 2],
+    /// The part of it that the camera does not cause.
+    own_velocity: [f32; 2],
     /// Time of the last motion seen, seconds.
     pub(crate) last_motion: f64,
     /// Whether depth was measured on it at some time since it is what it is.
@@ -103,6 +107,10 @@ enum Origin {
 
 /// A surface keeps its label only where depth changed more slowly than this, metres per second: nothing in a room comes nearer as fast.
 const MAX_APPROACH: f32 = 3.0;
+/// What noise adds to that, standard deviations of the difference of two measurements.
+const STEP_SIGMAS: f32 = 3.0;
+/// Every how many pixels of an object it is asked how the camera moves them.
+const SAMPLING: usize = 16;
 /// A pixel without depth keeps its label only where luma changed by less than this, grey levels: shading and noise. Else something has left
 /// it, or has come.
 const MAX_LUMA_CHANGE: f32 = 20.0;
@@ -164,20 +172,39 @@ impl Objects {
         }
     }
 
-    /// Updates image velocities from how corners on the objects moved in `dt` seconds.
-    pub(crate) fn update_velocities(&mut self, corners: &[CornerMove], dt: f64) {
+    /// Updates image velocities from how corners on the objects moved in `dt` seconds. `caused` is the image motion, pixels, of what a pixel of
+    /// the last frame shows if it does not move; an object without corners goes on to move beside that as it did.
+    pub(crate) fn update_velocities(
+        &mut self,
+        corners: &[CornerMove],
+        caused: impl Fn(usize) -> Option<[f32; 2]>,
+        dt: f64,
+    ) {
+        let per_second = 1.0 / dt as f32;
         for object in &mut self.list {
-            let own = corners.iter().filter(|c| self.labels[c.from] == object.label);
-            let (mut dx, mut dy): (Vec<f32>, Vec<f32>) = own.map(|c| (c.displacement[0], c.displacement[1])).unzip();
+            let by_camera = mean(object.pixels.iter().step_by(SAMPLING).filter_map(|&i| caused(i as usize)));
+            let by_camera = by_camera.map(|x| x * per_second);
+            let on_it = corners.iter().filter(|c| self.labels[c.from] == object.label);
+            let (mut dx, mut dy): (Vec<f32>, Vec<f32>) = on_it.map(|c| (c.displacement[0], c.displacement[1])).unzip();
             if let (Some(x), Some(y)) = (median(&mut dx), median(&mut dy)) {
-                object.velocity = [x / dt as f32, y / dt as f32];
+                object.velocity = [x * per_second, y * per_second];
+                object.own_velocity = [object.velocity[0] - by_camera[0], object.velocity[1] - by_camera[1]];
+            } else {
+                object.velocity = [object.own_velocity[0] + by_camera[0], object.own_velocity[1] + by_camera[1]];
             }
         }
     }
 
     /// Carries the labels into the current frame, `dt` seconds later: each object by its own image motion.
-    pub(crate) fn carry(&mut self, camera: &Pinhole, (previous, current): (&ViewFrame, &ViewFrame), dt: f64) {
-        let largest_step = MAX_APPROACH * dt as f32;
+    pub(crate) fn carry(
+        &mut self,
+        camera: &Pinhole,
+        noise: &DepthNoise,
+        (previous, current): (&ViewFrame, &ViewFrame),
+        dt: f64,
+    ) {
+        let of_noise = |z: f32| STEP_SIGMAS * std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
+        let largest_step = |z: f32| MAX_APPROACH * dt as f32 + of_noise(z);
         self.carried.fill(BACKGROUND);
         self.confidences.clear();
         self.confidences.resize(self.label_count(), 0.0);
@@ -187,7 +214,7 @@ impl Objects {
             for &i in &object.pixels {
                 let (u, v) = ((i as usize % camera.width) as f32 + dx, (i as usize / camera.width) as f32 + dy);
                 let Some(j) = camera.nearest([u, v]) else { continue };
-                if may_show_the_same(camera, (previous, i as usize), (current, j), largest_step) {
+                if may_show_the_same(camera, (previous, i as usize), (current, j), &largest_step) {
                     self.carried[j] = object.label;
                     self.carried_odds[j] = self.odds[i as usize];
                 }
@@ -350,6 +377,7 @@ impl Objects {
             label,
             pixels: c.pixels,
             velocity: old.map_or([0.0; 2], |o| o.velocity),
+            own_velocity: old.map_or([0.0; 2], |o| o.own_velocity),
             last_motion,
             measured: matches!(origin, Origin::Same(m) if self.list[m].measured),
             confidence,
@@ -358,21 +386,27 @@ impl Objects {
     }
 }
 
-/// Whether two pixels of two frames may show the same: their depths differ by no more than `largest_step` metres, or, where one has none,
-/// luma is that of the first or of what is beside it.
+/// Whether two pixels of two frames may show the same: their depths differ by less than `largest_step` of the first, metres, or, where one
+/// has none, luma is that of the first or of what is beside it.
 fn may_show_the_same(
     camera: &Pinhole,
     (previous, i): (&ViewFrame, usize),
     (current, j): (&ViewFrame, usize),
-    largest_step: f32,
+    largest_step: impl Fn(f32) -> f32,
 ) -> bool {
     let (from, to) = (previous.depth.pixels()[i], current.depth.pixels()[j]);
     if from > 0.0 && to > 0.0 {
-        return (from - to).abs() < largest_step;
+        return (from - to).abs() < largest_step(from);
     }
     let gray = f32::from(current.gray.pixels()[j]);
     let beside = luma::range(camera, i, |i| Some(f32::from(previous.gray.pixels()[i])));
     beside.is_some_and(|[low, high]| gray > low - MAX_LUMA_CHANGE && gray < high + MAX_LUMA_CHANGE)
+}
+
+/// The mean; zero of no values.
+fn mean(values: impl Iterator<Item = [f32; 2]>) -> [f32; 2] {
+    let ([x, y], count) = values.fold(([0.0; 2], 0.0_f32), |([x, y], n), [dx, dy]| ([x + dx, y + dy], n + 1.0));
+    [x, y].map(|sum| sum / count.max(1.0))
 }
 
 /// The middle value; `None` for no values.
@@ -439,11 +473,11 @@ mod tests {
         let mut objects = Objects::default();
         objects.clear(20);
         (0..20).for_each(|_| {
-            objects.carry(&CAMERA, (&view(&[1.0; 20]), &view(&[1.0; 20])), 0.03);
+            objects.carry(&CAMERA, &DepthNoise::default(), (&view(&[1.0; 20]), &view(&[1.0; 20])), 0.03);
             objects.update(vec![component(0..9)], &[1.0; 20], 1.0);
         });
         let whole = objects.list[0].clone();
-        objects.carry(&CAMERA, (&view(&[1.0; 20]), &view(&[1.0; 20])), 0.03);
+        objects.carry(&CAMERA, &DepthNoise::default(), (&view(&[1.0; 20]), &view(&[1.0; 20])), 0.03);
         objects.update(vec![component(0..2), component(3..9), component(15..17)], &[0.0; 20], 2.0);
         let [small, large, new] = &objects.list[..] else { panic!("{:?}", objects.list) };
         assert_eq!((large.id, large.peak), (whole.id, whole.peak));
@@ -461,7 +495,7 @@ mod tests {
             objects.update(vec![component(2..5)], &[1.0; 20], 1.0);
             let mut current = view(now);
             current.gray.pixels_mut()[3] = gray;
-            objects.carry(&CAMERA, (&view(before), &current), 0.03);
+            objects.carry(&CAMERA, &DepthNoise::default(), (&view(before), &current), 0.03);
             objects.carried().iter().filter(|l| **l != BACKGROUND).count()
         };
         assert_eq!([100, 200].map(|gray| carried(&near, &near, gray)), [3, 3], "depth says that it is the same");
@@ -475,7 +509,7 @@ mod tests {
         let mut objects = Objects::default();
         objects.clear(20);
         let mut step = |components: Vec<Component>, depth: [f32; 20]| {
-            objects.carry(&CAMERA, (&view(&depth), &view(&depth)), 0.03);
+            objects.carry(&CAMERA, &DepthNoise::default(), (&view(&depth), &view(&depth)), 0.03);
             objects.update(components, &[1.0; 20], 1.0);
             let unmeasured = objects.mark_unmeasured(&depth);
             objects.list.iter().map(|o| unmeasured[o.label as usize]).collect::<Vec<_>>()

@@ -35,6 +35,12 @@ impl ModelPoint {
         self.hits >= MIN_HITS
     }
 
+    /// Whether it is what a pixel shows where `z` metres are measured. Depths differ from `significance` standard deviations on.
+    pub(crate) fn agrees_with(&self, z: f32, noise: &DepthNoise, significance: f32) -> bool {
+        let sigma = std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
+        self.is_known() && (z - self.position[2]).abs() <= significance * sigma + EDGE_SLACK * z
+    }
+
     /// Takes in a luma value by a share of `rate`.
     fn update_gray(&mut self, gray: f32, rate: f32) {
         self.gray += (gray - self.gray) * rate;
@@ -144,11 +150,9 @@ impl StaticModel {
                 continue;
             }
             let known = self.points.pixels()[i];
-            let sigma = std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
-            let difference = z - known.position[2];
-            let differs = difference.abs() > significance * sigma + EDGE_SLACK * z;
+            let differs = known.is_known() && !known.agrees_with(z, noise, significance);
             if dynamic[i] != 0 {
-                if known.is_known() && differs && difference > 0.0 {
+                if differs && z > known.position[2] {
                     self.erase(i);
                 }
                 continue;

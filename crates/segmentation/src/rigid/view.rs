@@ -28,6 +28,11 @@ impl Pinhole {
         [(u - self.cx) / self.fx * z, (v - self.cy) / self.fy * z, z]
     }
 
+    /// The point (metres) that pixel `index` shows at depth `z`.
+    pub(crate) fn point(&self, index: usize, z: f32) -> [f32; 3] {
+        self.unproject((index % self.width) as f32, (index / self.width) as f32, z)
+    }
+
     /// Ray `(x, y, 1)` through pixel `index`.
     pub(crate) fn ray(&self, index: usize) -> [f32; 2] {
         let [x, y, _] = self.unproject((index % self.width) as f32, (index / self.width) as f32, 1.0);
@@ -39,6 +44,13 @@ impl Pinhole {
     pub(crate) fn project(&self, p: [f32; 3]) -> [f32; 2] {
         let inverse = 1.0 / p[2];
         [self.fx * p[0] * inverse + self.cx, self.fy * p[1] * inverse + self.cy]
+    }
+
+    /// Image motion, pixels, of what pixel `index` shows at depth `z` when the camera moves by `motion`; `None` without depth.
+    pub(crate) fn displacement(&self, motion: &Motion, index: usize, z: f32) -> Option<[f32; 2]> {
+        let moved = (z > 0.0).then(|| motion.apply(self.point(index, z))).filter(|p| p[2] > 0.0)?;
+        let [x, y] = self.project(moved);
+        Some([x - (index % self.width) as f32, y - (index / self.width) as f32])
     }
 
     /// Index of the pixel nearest to `(u, v)`, if inside.

@@ -36,9 +36,11 @@ impl RigidSegmenter {
         let camera = self.view.camera;
         self.field.clear(camera.pixels());
         self.flow = estimate.flow;
-        self.objects.update_velocities(&estimate.corners, dt);
-        self.objects.carry(&camera, (&self.previous, &self.current), dt);
-        let motion = self.anchor(&estimate.motion, estimate.flow);
+        let forward = Motion::from(&estimate.motion.T_earlier_current.inverse());
+        let caused = |i: usize| self.view.camera.displacement(&forward, i, self.previous.depth.pixels()[i]);
+        self.objects.update_velocities(&estimate.corners, caused, dt);
+        self.objects.carry(&camera, &self.noise, (&self.previous, &self.current), dt);
+        let motion = self.anchor(&estimate.motion);
         for reference in &mut self.history {
             reference.motion = reference.motion.then(&motion);
         }
@@ -47,7 +49,7 @@ impl RigidSegmenter {
         }
         self.compare_earlier(estimate.flow, time);
         if self.config.static_model {
-            self.compare_model(&motion, estimate.flow);
+            self.compare_model(&motion);
         }
         self.find_surfaces();
         if self.config.whole_things {
@@ -62,12 +64,12 @@ impl RigidSegmenter {
     }
 
     /// The camera motion, corrected by the static model: see [`Alignment`].
-    fn anchor(&self, motion: &FrameMotion, flow: f32) -> FrameMotion {
+    fn anchor(&self, motion: &FrameMotion) -> FrameMotion {
         if !self.config.static_model || !self.config.anchored_motion {
             return *motion;
         }
         let (camera, points, carried) = (&self.view.camera, self.model.points(), self.objects.carried());
-        let (pixel_sigma, shift) = (pixel_sigma(flow), depth_shift(flow, self.flow));
+        let (pixel_sigma, shift) = (pixel_sigma(self.flow), self.shift_to_model());
         let alignment = Alignment { camera, noise: &self.noise, frame: &self.current, points, pixel_sigma, shift };
         let corrected = alignment.correct(&motion.T_earlier_current.inverse(), |i| carried[i] != BACKGROUND);
         FrameMotion { T_earlier_current: corrected.inverse(), ..*motion }
@@ -139,11 +141,16 @@ impl RigidSegmenter {
         }
     }
 
-    /// Depth beyond which a surface is behind that of a corner, metres. None is, as far as is known, if the corner does not stand before the
-    /// static model: it may have set off just now from where the model has it.
+    /// Depth beyond which a surface is behind that of a corner, metres. None is, as far as is known, if the corner has no depth or shows
+    /// what the static model does: it may have set off just now from where the model has it.
     fn behind(&self, corner: usize) -> f32 {
         let z = self.current.depth.pixels()[corner];
-        if self.field.stands_apart(corner) { z + self.scene().tolerance(z) } else { f32::INFINITY }
+        if z > 0.0 && self.field.stands_apart(corner) { z + self.scene().tolerance(z) } else { f32::INFINITY }
+    }
+
+    /// See [`depth_shift`]. Its points come from many frames, which are taken to have moved as this one does.
+    fn shift_to_model(&self) -> f32 {
+        depth_shift(self.flow, self.flow)
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -198,7 +205,7 @@ impl RigidSegmenter {
         chosen.into_iter().map(|(_, r)| r).collect()
     }
 
-    fn compare_model(&mut self, motion: &FrameMotion, flow: f32) {
+    fn compare_model(&mut self, motion: &FrameMotion) {
         let camera = self.view.camera;
         self.model.advance(&camera, &Motion::from(&motion.T_earlier_current.inverse()));
         let b = &mut self.buffers;
@@ -209,7 +216,7 @@ impl RigidSegmenter {
         depth_range(camera.width, &b.model_depth, &mut b.range, &mut b.model_near, &mut b.model_far);
         let mut field = std::mem::take(&mut self.field);
         let range = [&self.buffers.model_near[..], &self.buffers.model_far];
-        self.scene().compare_model(self.model.points(), range, depth_shift(flow, self.flow), &mut field);
+        self.scene().compare_model(self.model.points(), range, self.shift_to_model(), &mut field);
         self.field = field;
     }
 }

@@ -241,7 +241,13 @@ impl RigidSegmenter {
     /// Camera motion since the previous frame. Known movers have no say, known static surfaces more than others.
     fn estimate(&mut self, dt: f64) -> Result<Result<MotionEstimate, FailOpenReason>, VisionError> {
         let (labels, model) = (&self.objects.labels, self.model.points());
-        let confirmed = |i: usize| if self.config.static_model { model[i].hits.min(MAX_TRUST) } else { 0.0 };
+        let (noise, significance) = (&self.noise, self.config.significance as f32);
+        let depth = self.previous.depth.pixels();
+        let confirmed = |i: usize| {
+            // What hides a surface that is well known is not known itself.
+            let known = self.config.static_model && model[i].agrees_with(depth[i], noise, significance);
+            if known { model[i].hits.min(MAX_TRUST) } else { 0.0 }
+        };
         let trust = |i: usize| if labels[i] == BACKGROUND { 1.0 + confirmed(i) } else { 0.0 };
         self.estimator.estimate(&self.view.camera, (&self.previous, &self.current), trust, dt)
     }
