@@ -37,8 +37,20 @@ impl DepthNoise {
         self.offset + self.quadratic * depth * depth
     }
 
-    /// Whether `depth` (metres) lies in the usable range.
+    /// Whether `depth` (metres) lies in the usable range; 0 stands for no measurement.
     pub fn is_usable(&self, depth: f64) -> bool {
         depth > 0.0 && depth >= self.min_depth && depth <= self.max_depth
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_measured_is_not_usable_even_without_a_lower_limit() {
+        let noise = DepthNoise { min_depth: 0.0, ..DepthNoise::default() };
+        let usable = |depth: f64| noise.is_usable(depth);
+        assert_eq!([0.0, 0.1, 6.0, 6.1, f64::NAN].map(usable), [false, true, true, false, false]);
     }
 }

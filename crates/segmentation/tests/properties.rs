@@ -224,6 +224,48 @@ fn a_frame_older_than_the_last_begins_anew() {
     }
 }
 
+/// The frame as a camera shows it that has turned: what was seen lies `shift` pixels farther left.
+fn turned(frame: &RgbdFrame, shift: usize) -> RgbdFrame {
+    let mut rgb = Image::filled(WIDTH, HEIGHT, [0_u8; 3]);
+    for v in 0..HEIGHT {
+        for u in 0..WIDTH {
+            rgb[(u, v)] = match u + shift {
+                seen if seen < WIDTH => frame.rgb()[(seen, v)],
+                new => [noise(new / 5, v / 5, 1); 3],
+            };
+        }
+    }
+    RgbdFrame::new(frame.stamp(), rgb, frame.depth().clone()).unwrap()
+}
+
+#[test]
+fn a_jerk_of_the_camera_costs_no_frame() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    for frame in 0..12 {
+        let seen = turned(&scene(frame, None), if frame < 6 { 0 } else { 90 });
+        let result = segmenter.segment(&seen).unwrap();
+        let expected = if frame == 0 { Status::FirstFrame } else { Status::Segmented };
+        assert_eq!(result.status, expected, "frame {frame}");
+        assert!(result.mask.fraction() < 0.01, "frame {frame}: {}", result.mask.fraction());
+    }
+}
+
+#[test]
+fn after_a_cut_to_another_room_the_new_one_is_learned_within_a_fifth_of_a_second() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    let mirrored = |frame: usize| {
+        let mut rgb = scene(frame, None).rgb().clone();
+        rgb.pixels_mut().reverse();
+        RgbdFrame::new(stamp(frame), rgb, scene(frame, None).depth().clone()).unwrap()
+    };
+    (0..6).for_each(|frame| drop(segmenter.segment(&scene(frame, None)).unwrap()));
+    let after: Vec<Segmentation> = (6..14).map(|frame| segmenter.segment(&mirrored(frame)).unwrap()).collect();
+    let failed = |r: &Segmentation| matches!(r.status, Status::FailedOpen(FailOpenReason::FewInliers { .. }));
+    let refused = after.iter().take_while(|r| failed(r)).count();
+    assert!((5..8).contains(&refused), "{refused} frames");
+    assert!(after.iter().all(|r| r.mask.fraction() == 0.0));
+}
+
 /// What a covered lens shows.
 fn darkness(frame: usize) -> RgbdFrame {
     let depth = DepthImage::from_metres(Image::filled(WIDTH, HEIGHT, 0.0));

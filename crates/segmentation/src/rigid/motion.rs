@@ -142,12 +142,14 @@ impl MotionEstimator {
         trust: impl Fn(usize) -> f32,
     ) -> Result<Result<(EgoMotion, Vec<Correspondence>), FailOpenReason>, VisionError> {
         let found = self.corners.follow(camera, &frames.0.depth, guess)?;
+        let known = |i: usize| trust(i) > 0.0;
         let ego = self
-            .solve(camera, frames, &found, guess, trust)
-            .or_else(|_| self.solve(camera, frames, &found, guess, |_| 1.0));
+            .solve(camera, frames, &found, guess, &trust, known)
+            .or_else(|_| self.solve(camera, frames, &found, guess, |_| 1.0, known));
         Ok(ego.map(|ego| (ego, found)))
     }
 
+    /// Solves for the motion of the corners that count by `trust`, of which few suffice if what is `known` is seen again.
     fn solve(
         &mut self,
         camera: &Pinhole,
@@ -155,14 +157,15 @@ impl MotionEstimator {
         found: &[Correspondence],
         guess: &Pose,
         trust: impl Fn(usize) -> f32,
+        known: impl Fn(usize) -> bool,
     ) -> Result<EgoMotion, FailOpenReason> {
-        let tracks = with_depth(camera, found, &previous.depth, &current.depth, &trust);
+        let tracks = with_depth(camera, found, &previous.depth, &current.depth, trust);
         let tracks: Vec<_> = tracks.into_iter().map(|(_, track)| track).collect();
         let needed = self.min_inliers;
         let few = FailOpenReason::FewInliers { inliers: 0, needed };
         let ego = ego_motion::estimate(camera, &self.noise, &tracks, guess, &mut self.rng).ok_or(few)?;
         let motion = Motion::from(&ego.T_current_previous);
-        let share = || witness::seen_again(camera, &self.noise, (previous, current), &motion, |i| trust(i) > 0.0);
+        let share = || witness::seen_again(camera, &self.noise, (previous, current), &motion, known);
         let enough = ego.inliers >= needed || (2 * ego.inliers >= needed && share() > MOST);
         if !enough {
             return Err(FailOpenReason::FewInliers { inliers: ego.inliers, needed });
@@ -225,6 +228,17 @@ fn camera_flow(corners: &[CornerMove]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_image_motion_is_that_of_the_camera_even_where_most_corners_are_on_a_mover() {
+        let corner = |displacement, residual, chi2| CornerMove { from: 0, to: 0, displacement, residual, chi2 };
+        let still = corner([1.0, 0.0], [0.0, 0.0], Some(1.0));
+        let mover = corner([9.0, 0.0], [8.0, 0.0], Some(1e4));
+        let without_depth = corner([5.0, 0.0], [0.0; 2], None);
+        assert_eq!(camera_flow(&[still, mover, mover, without_depth]), 1.0);
+        assert_eq!(camera_flow(&[without_depth]), 5.0);
+        assert_eq!(camera_flow(&[]), 0.0);
+    }
 
     #[test]
     fn corners_agree_that_follow_the_camera_and_count() {

@@ -487,6 +487,33 @@ mod tests {
     }
 
     #[test]
+    fn an_object_without_corners_follows_the_camera() {
+        let mut objects = Objects::default();
+        objects.clear(20);
+        objects.update(vec![component(2..5)], &[1.0; 20], 1.0);
+        let corner = CornerMove { from: 3, to: 6, displacement: [3.0, 0.0], residual: [0.0; 2], chi2: None };
+        let velocity = |objects: &Objects| objects.list[0].velocity[0];
+        objects.update_velocities(&[corner], |_| Some([1.0, 0.0]), 0.5);
+        assert_eq!(velocity(&objects), 6.0, "that of its corners");
+        objects.update_velocities(&[], |_| Some([4.0, 0.0]), 0.5);
+        assert_eq!(velocity(&objects), 12.0, "two pixels beside the four of the camera");
+        objects.update_velocities(&[], |_| None, 0.5);
+        assert_eq!(velocity(&objects), 4.0);
+    }
+
+    #[test]
+    fn noise_of_far_surfaces_takes_no_label_away() {
+        let carried = |z: f32, step: f32| {
+            let mut objects = Objects::default();
+            objects.clear(20);
+            objects.update(vec![component(2..5)], &[1.0; 20], 1.0);
+            objects.carry(&CAMERA, &DepthNoise::default(), (&view(&[z; 20]), &view(&[z + step; 20])), 1.0 / 60.0);
+            objects.carried().iter().filter(|l| **l != BACKGROUND).count()
+        };
+        assert_eq!([carried(5.0, 0.25), carried(1.0, 0.25)], [3, 0]);
+    }
+
+    #[test]
     fn labels_stay_where_depth_or_else_luma_does() {
         let (near, far, none) = ([1.0; 20], [2.0; 20], [0.0; 20]);
         let carried = |before: &[f32], now: &[f32], gray: u8| {

@@ -69,3 +69,46 @@ fn nearest(feature: &Feature, among: &[Feature]) -> Option<usize> {
     }
     (best.0 <= MAX_DISTANCE && (best.0 as f32) < UNIQUE * second as f32).then_some(best.1)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::pose;
+    use rand::SeedableRng;
+
+    const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };
+
+    /// Rows of blocks of random luma on a wall at 2 m that has moved to the left by `shift` pixels, and holds nothing that was there
+    /// before if it is `another`.
+    fn wall(shift: usize, another: bool) -> ViewFrame {
+        let level = |i: usize| {
+            let (u, v) = (i % CAMERA.width + shift, i / CAMERA.width);
+            let cell = (u / 7) as u32 * 0x9E37_79B1 ^ (v / 7) as u32 * 0x85EB_CA77 ^ u32::from(another);
+            ((cell ^ (cell >> 15)).wrapping_mul(0x2C1B_3C6D) >> 24) as u8
+        };
+        let gray = (0..CAMERA.pixels()).map(level).collect();
+        ViewFrame {
+            gray: Image::from_vec(CAMERA.width, CAMERA.height, gray).unwrap(),
+            depth: Image::filled(CAMERA.width, CAMERA.height, 2.0),
+        }
+    }
+
+    fn guessed(current: &ViewFrame, trust: impl Fn(usize) -> f32) -> Option<Pose> {
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        guess(&CAMERA, &DepthNoise::default(), (&wall(0, false), current), trust, &mut rng).unwrap()
+    }
+
+    #[test]
+    fn a_jerk_by_a_third_of_the_view_is_found() {
+        let shift = 105;
+        let found = guessed(&wall(shift, false), |_| 1.0).unwrap();
+        let truth = pose::exp(&nalgebra::Vector6::new(-2.0 * shift as f64 / 262.0, 0.0, 0.0, 0.0, 0.0, 0.0));
+        assert!(pose::log(&(found * truth.inverse())).norm() < 0.02, "{found}");
+    }
+
+    #[test]
+    fn neither_another_room_nor_known_movers_give_a_guess() {
+        assert_eq!(guessed(&wall(0, true), |_| 1.0), None);
+        assert_eq!(guessed(&wall(105, false), |_| 0.0), None);
+    }
+}

@@ -364,6 +364,14 @@ mod tests {
     }
 
     #[test]
+    fn a_point_agrees_with_what_is_as_far_away_by_the_noise_of_the_sensor() {
+        let point = ModelPoint { position: [0.0, 0.0, 2.0], gray: 0.0, hits: 5.0 };
+        let agrees = |z: f32| point.agrees_with(z, &DepthNoise::default(), 3.5);
+        assert_eq!([2.0, 2.07, 2.1, 1.93, 1.9, 0.0].map(agrees), [true, true, false, true, false, false]);
+        assert!(!ModelPoint::default().agrees_with(0.0, &DepthNoise::default(), 3.5), "nothing is known");
+    }
+
+    #[test]
     fn confirming_averages() {
         let mut model = StaticModel::new(&CAMERA);
         model.replace(5, [0.0, 0.0, 1.0], 100.0);

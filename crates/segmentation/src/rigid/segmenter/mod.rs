@@ -56,7 +56,8 @@ pub(crate) struct RigidSegmenter {
     last_time: f64,
     /// Image motion since the previous frame, pixels.
     flow: f32,
-    failures: usize,
+    /// Time of the last frame that was believed.
+    believed: f64,
     /// Frames processed, which sets the pixels that are compared.
     frames: usize,
     buffers: Buffers,
@@ -102,8 +103,8 @@ struct Buffers {
 const HISTORY: usize = 16;
 /// Frames kept over the age of the oldest that is compared with, at most: at 30 Hz each, of a faster camera some.
 const SPACINGS: u8 = 12;
-/// Frames without a motion estimate after which everything is forgotten.
-const MAX_FAILURES: usize = 5;
+/// Time without a believable frame after which everything is forgotten, seconds: what is seen by then was not seen before.
+const MAX_BLIND: f64 = 0.2;
 /// Frames never lie closer in time than this, seconds.
 const MIN_DT: f64 = 1e-3;
 /// Confirmations of the static model that add to the trust in a corner.
@@ -134,7 +135,7 @@ impl RigidSegmenter {
             objects: Objects::default(),
             last_time: 0.0,
             flow: 0.0,
-            failures: 0,
+            believed: 0.0,
             frames: 0,
             buffers: Buffers::default(),
             planes: LargePlanes::default(),
@@ -164,7 +165,6 @@ impl RigidSegmenter {
         self.flow = 0.0;
         self.model.clear();
         self.objects.clear(self.view.camera.pixels());
-        self.failures = 0;
         self.frames = 0;
         self.mask.clear();
         self.mask.resize(self.view.camera.pixels(), 0);
@@ -185,7 +185,12 @@ impl RigidSegmenter {
         let dt = (time - self.last_time).max(MIN_DT);
         let estimate = match timing.measure("ego_motion", || self.estimate(dt))? {
             Ok(estimate) => estimate,
-            Err(reason) => return Ok(self.give_up(reason)),
+            Err(reason) => {
+                if self.is_blind(time) {
+                    self.begin_anew(frame, time)?;
+                }
+                return Ok(Outcome::Failed(reason));
+            }
         };
         timing.measure("evidence", || self.gather(&estimate, dt, time));
         timing.measure("diffusion", || self.diffuse());
@@ -198,9 +203,10 @@ impl RigidSegmenter {
             self.disbelieve();
         }
         timing.measure("remember", || self.remember(time))?;
-        self.failures = if flooded.is_some() { self.failures + 1 } else { 0 };
-        if self.failures > MAX_FAILURES {
-            self.reset();
+        if flooded.is_none() {
+            self.believed = time;
+        } else if self.is_blind(time) {
+            self.begin_anew(frame, time)?;
         }
         Ok(flooded.map_or(Outcome::Done, Outcome::Failed))
     }
@@ -215,6 +221,7 @@ impl RigidSegmenter {
     fn begin(&mut self, time: f64) -> Result<Outcome, VisionError> {
         self.update_model();
         self.remember(time)?;
+        self.believed = time;
         let (inliers, needed) = (self.estimator.corners(), self.config.min_inliers);
         if inliers < needed {
             self.reset();
@@ -332,13 +339,16 @@ impl RigidSegmenter {
         if self.history.len() >= HISTORY { self.history.pop_back() } else { None }
     }
 
-    /// The frame cannot be compared: the next one is compared with the last good one, until too many failed.
-    fn give_up(&mut self, reason: FailOpenReason) -> Outcome {
-        self.failures += 1;
-        if self.failures > MAX_FAILURES {
-            self.reset();
-        }
-        Outcome::Failed(reason)
+    /// Whether no frame was believed for so long that what was known before is of no use.
+    fn is_blind(&self, time: f64) -> bool {
+        time - self.believed > MAX_BLIND
+    }
+
+    /// Forgets everything before this frame.
+    fn begin_anew(&mut self, frame: &RgbdFrame, time: f64) -> Result<(), VisionError> {
+        self.reset();
+        self.prepare(frame)?;
+        self.begin(time).map(drop)
     }
 
     fn flooded(&self) -> Option<FailOpenReason> {
