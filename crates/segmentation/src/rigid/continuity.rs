@@ -4,7 +4,7 @@ use pfd_geometry::DepthNoise;
 
 /// Depth steps of more than this many standard deviations of the sensor, on top of the slope, separate surfaces.
 const STEP_SIGMAS: f32 = 3.0;
-/// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (about 80°).
+/// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (79° at a focal length of 262 pixels).
 const SLOPE: f32 = 0.02;
 
 /// A test of depths at a fixed distance in the image.

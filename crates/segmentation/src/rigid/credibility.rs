@@ -12,8 +12,8 @@ use super::evidence::Cue;
 const HALF: f32 = 0.2;
 /// Log-odds of a region of which nothing is known.
 const BIAS: f32 = -2.0;
-/// Log-odds that each cue brings at most, in the order of [`Cue`]. Other luma where depth is missing says next to nothing: reflections and
-/// the sensor's shadows have it as often as movers.
+/// Log-odds that each cue brings at most, in the order of [`Cue`]. Other luma says next to nothing: the weight was
+/// found while it counted only where depth is missing, and reflections and the sensor's shadows have it there as often as movers.
 const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9, -6.0];
 
 /// Log-odds from which a region is believed that particles or the static model support, …

@@ -25,7 +25,7 @@ pub(crate) struct EdgeScales {
     pub(crate) gray: f32,
 }
 
-/// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (about 80°).
+/// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (75° and more, by the focal length).
 const SLOPE: f32 = 0.015;
 /// Rows that are filtered together.
 const ROWS: usize = 4;

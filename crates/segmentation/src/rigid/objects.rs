@@ -107,8 +107,8 @@ enum Origin {
 
 /// A surface keeps its label only where depth changed more slowly than this, metres per second: nothing in a room comes nearer as fast.
 const MAX_APPROACH: f32 = 3.0;
-/// What noise adds to that, standard deviations of the difference of two measurements.
-const STEP_SIGMAS: f32 = 3.0;
+/// Or, if that is more, than this many standard deviations of the difference of two measurements: that of a far surface is a decimetre.
+const STEP_SIGMAS: f32 = 2.0;
 /// Every how many pixels of an object it is asked how the camera moves them.
 const SAMPLING: usize = 16;
 /// A pixel without depth keeps its label only where luma changed by less than this, grey levels: shading and noise. Else something has left
@@ -204,7 +204,7 @@ impl Objects {
         dt: f64,
     ) {
         let of_noise = |z: f32| STEP_SIGMAS * std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
-        let largest_step = |z: f32| MAX_APPROACH * dt as f32 + of_noise(z);
+        let largest_step = |z: f32| (MAX_APPROACH * dt as f32).max(of_noise(z));
         self.carried.fill(BACKGROUND);
         self.confidences.clear();
         self.confidences.resize(self.label_count(), 0.0);
@@ -510,7 +510,7 @@ mod tests {
             objects.carry(&CAMERA, &DepthNoise::default(), (&view(&[z; 20]), &view(&[z + step; 20])), 1.0 / 60.0);
             objects.carried().iter().filter(|l| **l != BACKGROUND).count()
         };
-        assert_eq!([carried(5.0, 0.25), carried(1.0, 0.25)], [3, 0]);
+        assert_eq!([carried(5.0, 0.15), carried(1.0, 0.15)], [3, 0]);
     }
 
     #[test]

@@ -78,7 +78,7 @@ pub(crate) struct HoleFiller {
 }
 
 impl HoleFiller {
-    /// Sets every hole of `mask` (0 enclosed by 255) of at most `max_pixels` pixels.
+    /// Sets every hole of `mask` (0 enclosed by 255, or by 255 and the border of the image) of at most `max_pixels` pixels.
     pub(crate) fn fill(&mut self, width: usize, mask: &mut [u8], max_pixels: usize) {
         self.find_runs(width, mask);
         self.areas.clear();

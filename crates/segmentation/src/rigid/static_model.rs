@@ -13,7 +13,7 @@ use super::view::{Motion, Pinhole, ViewFrame};
 pub(crate) struct ModelPoint {
     /// Position in the camera frame, metres; z = 0 where the model is empty.
     pub(crate) position: [f32; 3],
-    /// Luma when last seen.
+    /// Luma, a running mean.
     pub(crate) gray: f32,
     /// Times confirmed, at most [`MAX_HITS`].
     pub(crate) hits: f32,
@@ -54,7 +54,7 @@ impl ModelPoint {
 
 /// Confirmations from which a point is believed.
 const MIN_HITS: f32 = 3.0;
-/// Confirmations counted at most: about a second, after which old and new measurements weigh 1 : 30.
+/// Confirmations counted at most: about a second, after which a new measurement weighs a thirtieth of the old ones.
 pub(crate) const MAX_HITS: f32 = 30.0;
 /// Weight of a new luma value: follows exposure drift within a few frames.
 const GRAY_RATE: f32 = 0.3;
@@ -66,7 +66,7 @@ const MIN_Z: f32 = 0.1;
 
 /// Points are kept up to this share of the image beside it, …
 const MARGIN: f32 = 0.5;
-/// … and lose this share of their confirmations per frame there: the estimate of the camera motion drifts, so that after some
+/// … and keep this share of their confirmations per frame there: the estimate of the camera motion drifts, so that after some
 /// three seconds they would no longer lie where they were.
 const KEPT_OUTSIDE: f32 = 0.975;
 /// Depth difference per metre that a pixel's offset makes on slanted surfaces.
