@@ -126,6 +126,24 @@ fn a_covered_lens_is_lost_and_found_again() {
 }
 
 #[test]
+fn after_a_few_dark_frames_the_camera_is_followed_on_and_the_odometry_has_its_motion() {
+    let mut run = Run::new();
+    run.play(0..59);
+    let (frame, mask) = (run.frame(59), run.mask(59));
+    let before = run.track(&frame, Some(&mask));
+    assert!(run.blank(6).iter().all(|s| *s == TrackingState::Lost));
+    let (frame, mask) = (run.frame(66), run.mask(66));
+    let after = run.track(&frame, Some(&mask));
+    assert_eq!(after.state, TrackingState::Ok, "not found again, but followed");
+    let motion =
+        |then: Option<pfd_geometry::Pose>, now: Option<pfd_geometry::Pose>| then.unwrap().inverse() * now.unwrap();
+    let in_map = motion(before.T_world_camera, after.T_world_camera);
+    let in_odom = motion(before.T_odom_camera, after.T_odom_camera);
+    assert!(in_map.translation.vector.norm() > 0.01, "the camera has moved");
+    assert!(pose::log(&(in_map.inverse() * in_odom)).norm() < 1e-3, "{in_map} {in_odom}");
+}
+
+#[test]
 fn a_camera_that_stays_lost_starts_a_segment_that_joins_the_rest_where_it_is_recognised() {
     // Without relocalisation the known room is as unknown as any other.
     let mut config = TrackingConfig::default();
@@ -172,8 +190,9 @@ fn a_part_of_the_map_that_begins_after_a_loss_says_that_its_place_is_a_guess() {
 fn a_mask_that_covers_nearly_everything_does_not_keep_a_lost_camera_lost() {
     let mut run = Run::new();
     run.play(0..60);
-    run.blank(10);
-    run.delay = 10.0 / 30.0;
+    // Too long for its motion to be known.
+    run.blank(20);
+    run.delay = 20.0 / 30.0;
     let states: Vec<TrackingState> = (62..80)
         .map(|i| {
             let frame = run.frame(i);

@@ -54,6 +54,11 @@ impl Motion {
         self.filter.update(&self.T_camera_world, elapsed, found)
     }
 
+    /// Whether the motion so far says where the camera is at `stamp`.
+    pub(crate) fn reaches(&self, stamp: Stamp) -> bool {
+        (0.0..=MAX_EXTRAPOLATION).contains(&stamp.seconds_since(self.stamp))
+    }
+
     /// Whether so much time lies between the last pose and `stamp` that everything may have changed; not where frames always come so
     /// rarely.
     pub(crate) fn is_interrupted_by(&self, stamp: Stamp) -> bool {

@@ -30,8 +30,8 @@ pub(crate) fn seen_again(
         let measured = current.depth.pixels()[j];
         let sigma = std::f32::consts::SQRT_2 * noise.sigma(f64::from(moved[2])) as f32;
         let tolerance = DEPTH_SIGMAS * sigma + RELATIVE_ERROR * moved[2];
-        let same = (measured - moved[2]).abs() < tolerance
-            && (luma(previous, i) - luma(current, j)).abs() < LUMA_TOLERANCE;
+        let same =
+            (measured - moved[2]).abs() < tolerance && (luma(previous, i) - luma(current, j)).abs() < LUMA_TOLERANCE;
         (measured > 0.0).then_some(same)
     };
     let seen: Vec<bool> = (0..camera.pixels()).step_by(SAMPLING).filter_map(is_seen).collect();

@@ -1,6 +1,7 @@
 //! Where the camera is in the map: followed from the last frame, with or without the mask, or recognised.
 
 use nalgebra::Vector6;
+use pfd_geometry::Stamp;
 
 use super::{Candidate, Tracker};
 use crate::active::Active;
@@ -20,9 +21,11 @@ impl Tracker {
             self.see_enough_to_start(candidate)?;
             return Ok(None);
         }
-        if self.state != TrackingState::Lost
+        if self.can_be_followed(candidate.frame.stamp())
             && let Some(followed) = self.follow_with_or_without_mask(candidate)?
         {
+            // A camera that was out of sight for a few frames only goes on.
+            self.state = TrackingState::Ok;
             return Ok(Some(followed));
         }
         // Also for a frame that could not be followed the camera may be found in the map as a whole.
@@ -33,6 +36,11 @@ impl Tracker {
         }
         self.see_enough_to_start(candidate)?;
         Ok(self.relocalize(&candidate.features))
+    }
+
+    /// Whether the camera is still near where it was last seen: it is not lost, or has been for so short a time that its motion is known.
+    fn can_be_followed(&self, stamp: Stamp) -> bool {
+        self.state != TrackingState::Lost || self.active.as_ref().is_some_and(|active| active.motion.reaches(stamp))
     }
 
     /// Whether a mask leaves little to go by.
