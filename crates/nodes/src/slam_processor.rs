@@ -202,7 +202,8 @@ impl SlamProcessor {
         self.prepare(frame, &settings.slam, settings.node.queue)?;
         let detection_ms = if self.is_to_wait(job.stamp, &settings) { self.detect_corners(frame)? } else { 0.0 };
         let segmented = job.segmented.map(|made| made.recv().context("segmentation has ended")?).transpose()?;
-        let Received::Track(received) = self.mask(job.stamp, job.received, &settings) else { return Ok(()) };
+        let size = frame.images.rgb().size();
+        let Received::Track(received) = self.mask((job.stamp, size), job.received, &settings) else { return Ok(()) };
         let made_here = segmented.as_ref().map(|s| &s.segmentation.mask);
         let (tracked, tracking_ms) = self.track(frame, received.as_ref().or(made_here), &settings.node)?;
         let outcome = Outcome { segmented, tracked, tracking_ms: detection_ms + tracking_ms };
@@ -230,7 +231,7 @@ impl SlamProcessor {
 
     /// The mask from the other node, for a frame that arrived at `received`. A live camera's frame that segmentation passed over is
     /// passed over here as well: so both work on the same frames, and what moves stays out of the map.
-    fn mask(&mut self, stamp: Stamp, received: Instant, settings: &Settings) -> Received {
+    fn mask(&mut self, (stamp, size): (Stamp, (usize, usize)), received: Instant, settings: &Settings) -> Received {
         if self.kind == Kind::Composed {
             return Received::Track(None);
         }
@@ -242,12 +243,21 @@ impl SlamProcessor {
             Some(Taken::Closed) => Received::PassOver,
             Some(Taken::PassedOver) if is_live => self.pass_over(),
             _ if is_live && self.is_behind(timeout, wants_masks) => self.pass_over(),
-            Some(Taken::Mask(mask)) => Received::Track(Some(mask)),
+            Some(Taken::Mask(mask)) => match check_size(&mask, size) {
+                Ok(()) => Received::Track(Some(mask)),
+                Err(why) => {
+                    self.complain_about_mask(stamp, &why);
+                    Received::Track(None)
+                }
+            },
             Some(Taken::PassedOver | Taken::Missing) => {
-                self.complain_about_mask(stamp);
+                let is_late = self.parts.masks.is_published();
+                let why = if is_late { "it came too late (mask_timeout)" } else { "nobody publishes masks" };
+                self.complain_about_mask(stamp, why);
                 Received::Track(None)
             }
-            None => Received::Track(None),
+            // Nothing is looked for, which is another thing than a mask that is missing.
+            None => Received::Track(Some(Mask::empty(size.0, size.1))),
         }
     }
 
@@ -268,11 +278,9 @@ impl SlamProcessor {
     }
 
     /// Without a mask tracking goes on and says so.
-    fn complain_about_mask(&mut self, stamp: Stamp) {
+    fn complain_about_mask(&mut self, stamp: Stamp, why: &str) {
         self.missing_masks += 1;
         let Some(more) = self.complaints.pass() else { return };
-        let is_late = self.parts.masks.is_published();
-        let why = if is_late { "it came too late (mask_timeout)" } else { "nobody publishes masks" };
         tracing::warn!("frame {stamp} is tracked without a mask: {why} ({more} more like it)");
     }
 
@@ -355,6 +363,14 @@ fn load_wanted_map(shared: &Shared, tracker: &mut Tracker) -> anyhow::Result<()>
     Ok(())
 }
 
+/// Whether a mask is one of an image of this size, or what is wrong with it.
+fn check_size(mask: &Mask, (width, height): (usize, usize)) -> Result<(), String> {
+    match mask.image().size() {
+        size if size == (width, height) => Ok(()),
+        (w, h) => Err(format!("the one on dynamic_mask has {w}x{h} pixels, the image {width}x{height}")),
+    }
+}
+
 impl Processor for SlamProcessor {
     type Job = TrackingJob;
 
@@ -380,5 +396,17 @@ impl Processor for SlamProcessor {
             self.publish_map(&output, stamp, &config);
         }
         self.recorder.finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mask_of_another_size_is_named() {
+        assert_eq!(check_size(&Mask::empty(640, 480), (640, 480)), Ok(()));
+        let why = check_size(&Mask::empty(320, 240), (640, 480)).unwrap_err();
+        assert!(why.contains("320x240") && why.contains("640x480"), "{why}");
     }
 }

@@ -59,7 +59,10 @@ impl FrameNames {
         let named = transforms.lookup(&config.base_frame, camera_frame).map(|pose| (config.base_frame.clone(), pose));
         let is_connected = named.is_some();
         let root = || transforms.root(camera_frame);
-        let (base, pose) = named.or_else(root).unwrap_or_else(|| (camera_frame.to_owned(), Pose::identity()));
+        // A frame has one parent: where the base has one already, `odom` leads to the top of what stands still with it.
+        let above = transforms.root(&config.base_frame).filter(|(top, _)| is_connected && !config.is_own_frame(top));
+        let top = above.and_then(|_| root());
+        let (base, pose) = top.or(named).or_else(root).unwrap_or_else(|| (camera_frame.to_owned(), Pose::identity()));
         if self.is_settled && base != self.base {
             tracing::warn!("`odom` now leads to {base} and no longer to {}: restart what listens to /tf", self.base);
         }
@@ -67,6 +70,10 @@ impl FrameNames {
         let deadline = *self.deadline.get_or_insert(now + PATIENCE);
         if !self.is_settled && (is_connected || now >= deadline) {
             self.is_settled = true;
+            if is_connected && self.base != config.base_frame {
+                let (base, wanted) = (&self.base, &config.base_frame);
+                tracing::info!("`odom` leads to {base}, to which /tf_static fixes {wanted} (parameter base_frame)");
+            }
             if !is_connected {
                 let wanted = &config.base_frame;
                 tracing::warn!(
@@ -262,6 +269,21 @@ mod tests {
             ("base_link", upright_map()),
             "the map does not turn in use"
         );
+    }
+
+    #[test]
+    fn a_base_that_has_a_parent_gets_no_second_one() {
+        let base = |parent: &str| {
+            let mut tree = StaticTransforms::default();
+            tree.insert("base_link", "optical", Pose::translation(1.0, 0.0, 0.0));
+            tree.insert(parent, "base_link", Pose::translation(0.0, 0.0, 0.2));
+            let mut names = FrameNames::default();
+            names.update(&tree, "optical", &NodeConfig::default(), Instant::now());
+            assert!(names.is_settled);
+            (names.base, names.T_base_camera.translation.vector.z)
+        };
+        assert_eq!(base("base_footprint"), ("base_footprint".to_owned(), 0.2));
+        assert_eq!(base("map"), ("base_link".to_owned(), 0.0), "a frame of ours cannot hang below itself");
     }
 
     #[test]

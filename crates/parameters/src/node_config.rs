@@ -98,6 +98,11 @@ pub struct NodeConfig {
 }
 
 impl NodeConfig {
+    /// Whether a frame is one that the nodes publish themselves.
+    pub fn is_own_frame(&self, frame: &str) -> bool {
+        [&self.map_frame, &self.odom_frame].into_iter().any(|own| own == frame)
+    }
+
     /// Whether the frames make a tree: tf2 refuses every transform from a frame to itself, and every one without a name. For a base that
     /// is not there, and so for none, another frame stands in.
     ///

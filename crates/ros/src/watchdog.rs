@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, Instant};
 
 /// How often to look.
 pub const PERIOD: Duration = Duration::from_millis(250);
@@ -24,7 +24,7 @@ pub struct Watchdog {
     before: BTreeSet<String>,
     watched: BTreeSet<String>,
     deadline: Instant,
-    last_look: (Instant, SystemTime),
+    last_look: (Instant, Duration),
 }
 
 impl Watchdog {
@@ -35,19 +35,19 @@ impl Watchdog {
             before: middleware_threads(),
             watched: BTreeSet::new(),
             deadline: now + STARTUP,
-            last_look: (now, SystemTime::now()),
+            last_look: (now, since_boot()),
         }
     }
 
     /// Whether to join anew: the process was suspended, or a thread is gone: one that was seen, or one that did not show up in time because it died before anyone looked.
     pub fn is_dead(&mut self) -> bool {
-        self.was_suspended(Instant::now(), SystemTime::now()) || self.is_dead_at(Instant::now())
+        self.was_suspended(Instant::now(), since_boot()) || self.is_dead_at(Instant::now())
     }
 
-    /// Whether it is long since the last look. One clock stands still while the computer sleeps, the other goes on.
-    fn was_suspended(&mut self, now: Instant, system_now: SystemTime) -> bool {
-        let (last, system_last) = std::mem::replace(&mut self.last_look, (now, system_now));
-        let slept = system_now.duration_since(system_last).unwrap_or_default();
+    /// Whether it is long since the last look. One clock stands still while the computer sleeps, the other goes on; nobody can set either.
+    fn was_suspended(&mut self, now: Instant, boot_now: Duration) -> bool {
+        let (last, boot_last) = std::mem::replace(&mut self.last_look, (now, boot_now));
+        let slept = boot_now.saturating_sub(boot_last);
         slept.max(now.saturating_duration_since(last)) > SUSPENSION
     }
 
@@ -57,6 +57,13 @@ impl Watchdog {
         let complete = self.watched.len() >= THREADS.len();
         !self.watched.is_subset(&now) || (!complete && time >= self.deadline)
     }
+}
+
+/// Time since the computer was started, sleep included; zero where the system does not tell.
+fn since_boot() -> Duration {
+    let text = std::fs::read_to_string("/proc/uptime").unwrap_or_default();
+    let seconds = text.split_whitespace().next().and_then(|number| number.parse().ok());
+    seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).unwrap_or_default()
 }
 
 /// Ids of all threads of this process that belong to the middleware.
@@ -93,13 +100,14 @@ mod tests {
     #[test]
     fn a_long_suspension_is_noticed_once() {
         let mut watchdog = Watchdog::start();
-        let (now, system_now) = (Instant::now(), SystemTime::now());
-        assert!(!watchdog.was_suspended(now, system_now));
-        assert!(!watchdog.was_suspended(now + PERIOD, system_now + PERIOD));
-        assert!(watchdog.was_suspended(now + 2 * SUSPENSION, system_now + 2 * SUSPENSION), "stopped");
-        assert!(!watchdog.was_suspended(now + 2 * SUSPENSION, system_now + 2 * SUSPENSION));
-        assert!(watchdog.was_suspended(now + 2 * SUSPENSION, system_now + 4 * SUSPENSION), "the computer slept");
-        assert!(!watchdog.was_suspended(now + 2 * SUSPENSION, system_now), "the clock was set back");
+        let (now, boot) = (Instant::now(), since_boot());
+        assert!(boot > Duration::ZERO);
+        assert!(!watchdog.was_suspended(now, boot));
+        assert!(!watchdog.was_suspended(now + PERIOD, boot + PERIOD));
+        assert!(watchdog.was_suspended(now + 2 * SUSPENSION, boot + 2 * SUSPENSION), "stopped");
+        assert!(!watchdog.was_suspended(now + 2 * SUSPENSION, boot + 2 * SUSPENSION));
+        assert!(watchdog.was_suspended(now + 2 * SUSPENSION, boot + 4 * SUSPENSION), "the computer slept");
+        assert!(!watchdog.was_suspended(now + 2 * SUSPENSION, Duration::ZERO), "the system does not tell");
     }
 
     // One test, as threads of parallel tests would be taken for the middleware's.

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::process::Command;
 
-use crate::support::{Node, PATIENCE, replay, slam};
+use crate::support::{Node, PATIENCE, replay, slam_in_mode};
 use pfd_tests::domain::Domain;
 use pfd_tests::{bundled_sequence, programs, repository};
 
@@ -11,38 +11,48 @@ fn lines(path: &Path) -> usize {
     std::fs::read_to_string(path).unwrap().lines().count()
 }
 
-#[test]
-fn separate_nodes_composed_node_and_offline_give_the_same_trajectory() {
-    let folder = tempfile::tempdir().unwrap();
-    let part = ["-p", "duration:=1.5"];
-    let mut trajectories = Vec::new();
-    let mut frames = 0;
-    for (i, nodes) in [&["slam_node"][..], &["segmentation_node", "tracking_node"]].into_iter().enumerate() {
-        let (domain, out) = (Domain::reserve().unwrap(), folder.path().join(i.to_string()));
-        std::fs::create_dir_all(&out).unwrap();
-        let mut running: Vec<Node> = nodes.iter().map(|name| slam(name, &domain, &out)).collect();
-        let mut replay = replay(&domain, &out, nodes.len() as u32, &part);
-        assert!(replay.wait(PATIENCE).unwrap().success(), "{}", replay.log());
-        for node in &mut running {
-            node.stop("INT").unwrap();
-        }
-        // Without the header.
-        frames = lines(&out.join(format!("{}.csv", nodes[nodes.len() - 1]))) - 1;
-        trajectories.push(std::fs::read_to_string(out.join("trajectory.txt")).unwrap());
+/// The trajectory by these nodes in a mode, and how many frames the last of them had.
+fn by_nodes(mode: &str, nodes: &[&str], out: &Path) -> (String, usize) {
+    std::fs::create_dir_all(out).unwrap();
+    let domain = Domain::reserve().unwrap();
+    let mut running: Vec<Node> = nodes.iter().map(|name| slam_in_mode(mode, name, &domain, out)).collect();
+    let mut replay = replay(&domain, out, nodes.len() as u32, &["-p", "duration:=1.5"]);
+    assert!(replay.wait(PATIENCE).unwrap().success(), "{}", replay.log());
+    for node in &mut running {
+        node.stop("INT").unwrap();
     }
+    // Without the header.
+    let frames = lines(&out.join(format!("{}.csv", nodes[nodes.len() - 1]))) - 1;
+    (std::fs::read_to_string(out.join("trajectory.txt")).unwrap(), frames)
+}
+
+/// The nodes, composed and as `separate` processes, give the same trajectory as the command line.
+fn check_trajectories(mode: &str, separate: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let (composed, frames) = by_nodes(mode, &["slam_node"], &folder.path().join("composed"));
     assert!(frames >= 40, "1.5 s at 30 Hz, not {frames} frames");
     let out = folder.path().join("offline");
     let status = programs::pfd_slam()
         .unwrap()
-        .args(["run", bundled_sequence().to_str().unwrap(), "--out", out.to_str().unwrap()])
+        .args(["run", bundled_sequence().to_str().unwrap(), "--out", out.to_str().unwrap(), "--mode", mode])
         .args(["--max-frames", &frames.to_string()])
         .status()
         .unwrap();
     assert!(status.success());
     let offline = std::fs::read_to_string(out.join("trajectory.txt")).unwrap();
     assert!(offline.lines().count() > frames / 2, "most frames are tracked");
-    assert_eq!(trajectories[0], offline, "composed against offline");
-    assert_eq!(trajectories[1], offline, "separate against offline");
+    assert_eq!(composed, offline, "composed against offline");
+    assert_eq!(by_nodes(mode, separate, &folder.path().join("separate")).0, offline, "separate against offline");
+}
+
+#[test]
+fn separate_nodes_composed_node_and_offline_give_the_same_trajectory() {
+    check_trajectories("pfd", &["segmentation_node", "tracking_node"]);
+}
+
+#[test]
+fn so_they_do_where_nothing_is_looked_for() {
+    check_trajectories("none", &["tracking_node"]);
 }
 
 #[test]

@@ -157,9 +157,15 @@ pub(crate) fn replay(domain: &Domain, folder: &Path, subscribers: u32, more: &[&
 }
 
 pub(crate) fn slam(name: &str, domain: &Domain, folder: &Path) -> Node {
+    slam_in_mode("pfd", name, domain, folder)
+}
+
+pub(crate) fn slam_in_mode(mode: &str, name: &str, domain: &Domain, folder: &Path) -> Node {
     let trajectory = format!("trajectory_file:={}", folder.join("trajectory.txt").display());
     let frames = format!("frames_file:={}", folder.join(format!("{name}.csv")).display());
-    Node::start(name, domain, folder, &["--params-file", &parameters(), "-p", &trajectory, "-p", &frames]).unwrap()
+    let mode = format!("mode:={mode}");
+    let args = ["--params-file", &parameters(), "-p", &trajectory, "-p", &frames, "-p", &mode];
+    Node::start(name, domain, folder, &args).unwrap()
 }
 
 /// Where the peers of the tests are: `$PFD_PEERS`, else `target/peers`.
