@@ -33,6 +33,8 @@ pub struct CameraHealth {
     pub offset: Option<f64>,
     /// Largest offset that pairs, seconds.
     pub tolerance: f64,
+    /// Frames of colour and depth, where they are not the same.
+    pub frames: Option<[String; 2]>,
     /// Frames replaced by newer ones.
     pub dropped: u64,
     /// What happened since the last look.
@@ -46,6 +48,8 @@ pub struct Lately {
     pub pairs: u64,
     /// Left without depth.
     pub unpaired: u64,
+    /// Images of both kinds that were left out because of a stamp that is not newer than the one before.
+    pub stale: u64,
     /// How often time was set back.
     pub resets: u64,
     /// Pairs that were replaced by newer ones.
@@ -58,6 +62,7 @@ impl Lately {
         Self {
             pairs: now.0.pairs - before.0.pairs,
             unpaired: now.0.first_unpaired - before.0.first_unpaired,
+            stale: (now.0.late + now.0.duplicates) - (before.0.late + before.0.duplicates),
             resets: now.0.resets - before.0.resets,
             dropped: now.1 - before.1,
         }
@@ -113,8 +118,18 @@ impl CameraHealth {
         if self.lately.pairs == 0 && self.lately.unpaired > 0 {
             return (Level::Error, self.mismatch());
         }
+        if self.lately.pairs == 0 && self.lately.stale > 0 {
+            let remedy = "the driver must stamp each image with the time at which it was taken";
+            return (
+                Level::Error,
+                format!("stamps repeat or go back on {} images in a second: {remedy}", self.lately.stale),
+            );
+        }
         match self.lately {
-            Lately { dropped: 0, .. } => (Level::Ok, "receiving".into()),
+            Lately { dropped: 0, .. } => match &self.frames {
+                None => (Level::Ok, "receiving".into()),
+                Some(frames) => (Level::Warn, other_frames(frames)),
+            },
             Lately { pairs, dropped, .. } => (
                 Level::Warn,
                 format!(
@@ -131,6 +146,14 @@ impl CameraHealth {
         let remedy = "raise sync_tolerance, or check that both come from the same camera and clock";
         format!("rgb and depth stamps differ by {offset}, tolerance {} s: {remedy}", self.tolerance)
     }
+}
+
+/// What to do where colour and depth are given in different frames.
+pub fn other_frames([colour, depth]: &[String; 2]) -> String {
+    format!(
+        "the depth image is in frame `{depth}`, colour in `{colour}`: if depth is not registered to colour, switch that on in the driver \
+         (RealSense: align_depth.enable), or subscribe the topic that is"
+    )
 }
 
 fn silence(topic: &TopicHealth) -> Option<String> {
@@ -169,6 +192,7 @@ mod tests {
             counters,
             offset: None,
             tolerance: 0.02,
+            frames: None,
             dropped: 0,
             lately: Lately { pairs: 30, ..Lately::default() },
         }
@@ -192,6 +216,11 @@ mod tests {
         assert_eq!(skewed.status("n").level, 2);
         let slow = CameraHealth { lately: Lately { pairs: 30, dropped: 4, ..Lately::default() }, ..good.clone() };
         assert!(slow.verdict().0 == Level::Warn && slow.verdict().1.starts_with("4 of the last 30 frames"));
+        let frames = Some(["colour_optical".to_owned(), "depth_optical".to_owned()]);
+        let (level, why) = CameraHealth { frames, ..good.clone() }.verdict();
+        assert!(level == Level::Warn && why.contains("`depth_optical`") && why.contains("registered"), "{why}");
+        let frozen = CameraHealth { lately: Lately { stale: 60, ..Lately::default() }, ..good.clone() };
+        assert!(frozen.verdict().0 == Level::Error && frozen.verdict().1.contains("go back on 60 images"));
         let jumping = CameraHealth { lately: Lately { resets: 30, ..Lately::default() }, ..good };
         assert!(jumping.verdict().1.contains("set back 30 times"));
     }

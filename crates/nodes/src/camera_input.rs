@@ -139,11 +139,25 @@ struct State {
     camera: Option<Camera>,
     pending: VecDeque<(ColourMessage, DepthMessage)>,
     pending_dropped: u64,
+    /// Frames of colour and depth of the last pair, if they were not the same.
+    frames: Option<[String; 2]>,
     /// Counters and drops at the last look of the diagnostics.
     last_look: (SyncCounters, u64),
     statistics: Vec<TopicStatistics>,
     graph: Option<Graph>,
     complaints: Throttle,
+}
+
+impl State {
+    /// Says so once where depth is in another frame than colour: only its size tells otherwise whether it is registered.
+    fn note_frames(&mut self, colour: &Header, depth: &Header) {
+        let frames = [colour, depth].map(|header| header.frame_id.clone());
+        let differ = frames[0] != frames[1];
+        if differ && self.frames.is_none() {
+            tracing::warn!("{}", camera_health::other_frames(&frames));
+        }
+        self.frames = differ.then_some(frames);
+    }
 }
 
 impl CameraInput {
@@ -154,6 +168,7 @@ impl CameraInput {
             camera: fixed_camera,
             pending: VecDeque::new(),
             pending_dropped: 0,
+            frames: None,
             last_look: Default::default(),
             statistics: Vec::new(),
             graph: None,
@@ -224,6 +239,9 @@ impl CameraInput {
 
     /// Hands pairs to the worker, or keeps them until the camera is known.
     fn hand_over(&self, state: &mut State, pairs: Vec<(ColourMessage, DepthMessage)>) {
+        if let Some((colour, depth)) = pairs.last() {
+            state.note_frames(colour.header(), depth.header());
+        }
         state.pending.extend(pairs);
         let Some(camera) = state.camera else {
             let capacity = if self.config.queue == Queue::All { MAX_PENDING } else { 1 };
@@ -260,6 +278,7 @@ impl CameraInput {
             counters: counted.0,
             offset: state.synchronizer.last_offset(),
             tolerance: self.config.sync_tolerance,
+            frames: state.frames.clone(),
             dropped: counted.1,
             lately: camera_health::Lately::between(before, counted),
         };
