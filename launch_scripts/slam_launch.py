@@ -24,7 +24,6 @@ def node(executable, parameters, condition):
 def describe(config):
     """The nodes with the parameters of a file in config/."""
     default = os.path.join(get_package_share_directory("pfd_slam"), "config", config)
-    # ros2 launch talks on the networks of its environment; other nodes on this machine are found either way.
     common = [{"use_sim_time": LaunchConfiguration("use_sim_time")}]
     separate = LaunchConfiguration("separate")
     return LaunchDescription([

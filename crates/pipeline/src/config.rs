@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SlamConfig {
-    /// How moving things are found: `pfd` (our best), `paper` (as published), `single` (one object), `flow` (feature level
+    /// How moving things are found: `pfd` (the default), `paper` (as published), `single` (one object), `flow` (feature level
     /// only), `none`.
     pub mode: Mode,
     /// Seed of every random decision.

@@ -71,7 +71,10 @@ fn facts(runs: &[BenchRun]) -> Vec<String> {
     let ours: Vec<&BenchRun> = runs.iter().filter(|run| run.variant == "pfd").collect();
     let mut facts = Vec::new();
     if let Some(least) = ours.iter().map(|run| 100.0 * run.summary.tracked).min_by(f64::total_cmp) {
-        facts.push(format!("Mode `pfd` tracks at least {:.1} % of the frames of each run.", rounded_down(least)));
+        facts.push(match rounded_down(least) {
+            share if share >= 100.0 => "Mode `pfd` tracks every frame of each run.".to_owned(),
+            share => format!("Mode `pfd` tracks at least {share:.1} % of the frames of each run."),
+        });
     }
     let timed: Vec<&BenchRun> = ours.iter().filter(|run| run.summary.sequence == TIMED).copied().collect();
     if !timed.is_empty() {

@@ -118,7 +118,7 @@ fn incompatibility(offered: &QosPolicies, requested: &QosPolicies) -> Option<&'s
     let latched = |qos: &QosPolicies| !matches!(qos.durability(), None | Some(Durability::Volatile));
     if reliable(requested) && !reliable(offered) {
         return Some(
-            "the publisher is best effort, the subscriber wants reliable; make both the same (parameter `qos`)",
+            "the publisher is best effort, the subscriber wants reliable; make both the same (parameter `qos` for images that come in, `overlay_qos` for `overlay`)",
         );
     }
     if latched(requested) && !latched(offered) {
