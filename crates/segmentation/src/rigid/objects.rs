@@ -214,7 +214,7 @@ impl Objects {
             for &i in &object.pixels {
                 let (u, v) = ((i as usize % camera.width) as f32 + dx, (i as usize / camera.width) as f32 + dy);
                 let Some(j) = camera.nearest([u, v]) else { continue };
-                if may_show_the_same(camera, (previous, i as usize), (current, j), &largest_step) {
+                if may_show_the_same(camera, (previous, i as usize), (current, j), largest_step) {
                     self.carried[j] = object.label;
                     self.carried_odds[j] = self.odds[i as usize];
                 }

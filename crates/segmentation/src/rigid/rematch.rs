@@ -83,7 +83,7 @@ mod tests {
     fn wall(shift: usize, another: bool) -> ViewFrame {
         let level = |i: usize| {
             let (u, v) = (i % CAMERA.width + shift, i / CAMERA.width);
-            let cell = (u / 7) as u32 * 0x9E37_79B1 ^ (v / 7) as u32 * 0x85EB_CA77 ^ u32::from(another);
+            let cell = ((u / 7) as u32 * 0x9E37_79B1) ^ ((v / 7) as u32 * 0x85EB_CA77) ^ u32::from(another);
             ((cell ^ (cell >> 15)).wrapping_mul(0x2C1B_3C6D) >> 24) as u8
         };
         let gray = (0..CAMERA.pixels()).map(level).collect();
