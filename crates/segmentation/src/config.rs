@@ -226,7 +226,7 @@ pub struct PfdConfig {
     /// Mask share beyond which the result is not believed.
     #[schemars(range(min = 0.1, max = 1.0))]
     pub max_mask_share: f64,
-    /// Fewest corners that must agree on the camera motion.
+    /// Fewest corners that must agree on the camera motion; half as many if most surfaces are seen where they put them.
     #[schemars(range(min = 6, max = 1000))]
     pub min_inliers: usize,
 }

@@ -250,6 +250,31 @@ fn a_jerk_of_the_camera_costs_no_frame() {
     }
 }
 
+/// A plain wall with four small spots: few corners tell how the camera moves. With the spots elsewhere, `others`, nothing does.
+fn plain_wall(frame: usize, others: bool) -> RgbdFrame {
+    let textured = scene(frame, None);
+    let mut rgb = textured.rgb().clone();
+    let shift = if others { 20 } else { 0 };
+    for v in 0..HEIGHT {
+        for u in 0..WIDTH {
+            let on_spot = (53..58).contains(&((u + shift) % 192)) && (37..42).contains(&((v + shift) % 160));
+            if !on_spot {
+                rgb[(u, v)] = [120; 3];
+            }
+        }
+    }
+    RgbdFrame::new(textured.stamp(), rgb, textured.depth().clone()).unwrap()
+}
+
+#[test]
+fn few_corners_suffice_where_the_surfaces_agree() {
+    let mut segmenter = segmenter(Mode::Pfd);
+    let statuses: Vec<Status> = (0..6).map(|f| segmenter.segment(&plain_wall(f, false)).unwrap().status).collect();
+    assert!(statuses[1..].iter().all(|s| *s == Status::Segmented), "{statuses:?}");
+    let elsewhere = segmenter.segment(&plain_wall(6, true)).unwrap();
+    assert!(matches!(elsewhere.status, Status::FailedOpen(FailOpenReason::FewInliers { .. })), "{elsewhere:?}");
+}
+
 #[test]
 fn after_a_cut_to_another_room_the_new_one_is_learned_within_a_fifth_of_a_second() {
     let mut segmenter = segmenter(Mode::Pfd);

@@ -53,7 +53,7 @@ const WIDE: f32 = 8.0 * INLIER_CHI2;
 /// Reweighted steps of the final refinement.
 const REFINE_STEPS: usize = 10;
 /// Below this many tracks no motion is estimated.
-const MIN_TRACKS: usize = 10;
+const MIN_TRACKS: usize = 6;
 /// Cells per side of the grid that measures spread.
 const SPREAD_CELLS: usize = 4;
 

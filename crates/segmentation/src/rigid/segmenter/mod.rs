@@ -222,8 +222,8 @@ impl RigidSegmenter {
         self.update_model();
         self.remember(time)?;
         self.believed = time;
-        let (inliers, needed) = (self.estimator.corners(), self.config.min_inliers);
-        if inliers < needed {
+        let needed = self.config.min_inliers;
+        if 2 * self.estimator.corners() < needed {
             self.reset();
             return Ok(Outcome::Failed(FailOpenReason::FewInliers { inliers: 0, needed }));
         }
