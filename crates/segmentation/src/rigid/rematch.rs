@@ -107,8 +107,15 @@ mod tests {
     }
 
     #[test]
-    fn neither_another_room_nor_known_movers_give_a_guess() {
-        assert_eq!(guessed(&wall(0, true), |_| 1.0), None);
+    fn another_room_has_hardly_any_matches_and_known_movers_give_no_guess() {
+        let features = |frame: &ViewFrame| {
+            let mut extractor = FeatureExtractor::new(OPTIONS);
+            extractor.load(&frame.gray).unwrap();
+            extractor.extract(None, 0).unwrap()
+        };
+        let found = |current: &ViewFrame| matches(&features(&wall(0, false)), &features(current)).len();
+        let (here, elsewhere) = (found(&wall(105, false)), found(&wall(0, true)));
+        assert!(here > 60 && elsewhere < here / 10, "{here} {elsewhere}");
         assert_eq!(guessed(&wall(105, false), |_| 0.0), None);
     }
 }
