@@ -109,6 +109,8 @@ pub(crate) struct View {
     source: Vec<[f32; 2]>,
     /// What each working pixel is interpolated from; outside of the camera image the nearest pixel of its border.
     corners: Vec<Corner>,
+    /// Where one of those is not the mean of all that a working pixel covers: what makes that mean, [`taps`] squared for each.
+    grid: Vec<Corner>,
     /// Whether a working pixel lies within the camera image. A lens that distorts leaves some at the border that do not.
     pub(crate) inside: Vec<bool>,
     /// Working pixel under each camera pixel.
@@ -134,13 +136,17 @@ impl View {
         let source: Vec<_> = (0..pinhole.pixels()).map(|i| source_pixel(camera, &pinhole, i)).collect();
         let size = (camera.width, camera.height);
         let corners = source.iter().map(|&p| Corner::at(p, size)).collect();
+        let grid = match taps(factor) {
+            1 => Vec::new(),
+            count => source.iter().flat_map(|&p| spread(p, factor, count)).map(|p| Corner::at(p, size)).collect(),
+        };
         let inside = source.iter().map(|&p| is_inside(p, size)).collect();
         let target = (0..camera.width * camera.height).map(|i| target_pixel(camera, &pinhole, i)).collect();
         let rays = (0..pinhole.pixels()).map(|i| pinhole.ray(i)).collect();
-        Self { camera: pinhole, source, corners, inside, target, source_size: size, rays }
+        Self { camera: pinhole, source, corners, grid, inside, target, source_size: size, rays }
     }
 
-    /// Resamples a frame: luma bilinearly, depth by the nearest measurement. Outside of the camera image luma goes on as at its border, so
+    /// Resamples a frame: luma by the mean of what a pixel covers, depth by the nearest measurement. Outside of the camera image luma goes on as at its border, so
     /// that there is no edge, and depth is missing.
     pub(crate) fn resample(&self, frame: &RgbdFrame, out: &mut ViewFrame) {
         let (width, height) = (self.camera.width, self.camera.height);
@@ -151,8 +157,22 @@ impl View {
         let (gray, depth) = (frame.gray(), frame.depth().image());
         let targets = out.gray.pixels_mut().iter_mut().zip(out.depth.pixels_mut());
         for ((g, d), (corner, &inside)) in targets.zip(self.corners.iter().zip(&self.inside)) {
-            *g = corner.interpolate(gray.pixels());
+            if self.grid.is_empty() {
+                *g = corner.interpolate(gray.pixels());
+            }
             *d = if inside { corner.nearest_valid(depth.pixels()) } else { 0.0 };
+        }
+        if !self.grid.is_empty() {
+            self.average(gray.pixels(), out.gray.pixels_mut());
+        }
+    }
+
+    /// The luma of large images, of which a single interpolation would pass over most pixels, and keep the noise of the others.
+    fn average(&self, gray: &[u8], out: &mut [u8]) {
+        let per_pixel = self.grid.len() / out.len().max(1);
+        for (g, corners) in out.iter_mut().zip(self.grid.chunks_exact(per_pixel.max(1))) {
+            let sum: u32 = corners.iter().map(|corner| u32::from(corner.interpolate(gray))).sum();
+            *g = ((sum + per_pixel as u32 / 2) / per_pixel as u32) as u8;
         }
     }
 
@@ -183,6 +203,17 @@ impl View {
     pub(crate) fn source_size(&self) -> (usize, usize) {
         self.source_size
     }
+}
+
+/// Interpolations per axis that cover `factor` pixels: each is a mean of two.
+fn taps(factor: f64) -> usize {
+    (factor / 2.0).ceil() as usize
+}
+
+/// `count` by `count` positions, evenly spread over the `factor` pixels around one.
+fn spread([x, y]: [f32; 2], factor: f64, count: usize) -> impl Iterator<Item = [f32; 2]> {
+    let offset = move |k: usize| ((k as f64 - (count as f64 - 1.0) / 2.0) * factor / count as f64) as f32;
+    (0..count * count).map(move |k| [x + offset(k % count), y + offset(k / count)])
 }
 
 /// The four camera pixels around a position.
@@ -305,6 +336,28 @@ mod tests {
 
     fn camera(distortion: [f64; 5]) -> Camera {
         Camera::new((640, 480), [517.3, 516.5, 318.6, 255.3], Distortion(distortion)).unwrap()
+    }
+
+    #[test]
+    fn noise_is_averaged_whatever_the_size_of_the_image() {
+        for (width, height) in [(640, 480), (848, 480), (1280, 720), (1920, 1080)] {
+            let focal = 0.9 * width as f64;
+            let intrinsics = [focal, focal, (width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
+            let view = View::new(&Camera::new((width, height), intrinsics, Distortion::default()).unwrap());
+            // A chequerboard of single pixels.
+            let mut rgb = Image::filled(width, height, [80_u8; 3]);
+            for (i, pixel) in rgb.pixels_mut().iter_mut().enumerate() {
+                *pixel = if (i % width + i / width) % 2 == 0 { [80; 3] } else { [160; 3] };
+            }
+            let depth = DepthImage::from_metres(Image::filled(width, height, 2.0));
+            let mut out = ViewFrame::default();
+            view.resample(&RgbdFrame::new(Stamp::from_nanos(0), rgb, depth).unwrap(), &mut out);
+            // At the border less than all of a working pixel lies in the image.
+            let (columns, rows) = out.gray.size();
+            let inner = (1..rows - 1).flat_map(|v| (1..columns - 1).map(move |u| (u, v)));
+            let levels: Vec<u8> = inner.map(|at| out.gray[at]).collect();
+            assert!(levels.iter().all(|g| (108..133).contains(g)), "{width}: {:?}", &levels[..9]);
+        }
     }
 
     #[test]
