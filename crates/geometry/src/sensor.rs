@@ -37,6 +37,11 @@ impl DepthNoise {
         self.offset + self.quadratic * depth * depth
     }
 
+    /// Standard deviation in metres of the difference of two measurements at `depth` metres.
+    pub fn difference_sigma(&self, depth: f32) -> f32 {
+        std::f32::consts::SQRT_2 * self.sigma(f64::from(depth)) as f32
+    }
+
     /// Whether `depth` (metres) lies in the usable range; 0 stands for no measurement.
     pub fn is_usable(&self, depth: f64) -> bool {
         depth > 0.0 && depth >= self.min_depth && depth <= self.max_depth

@@ -44,8 +44,8 @@ pub struct NewRegion {
     /// Its places in the camera image, pixels: one for each pixel of the working view.
     pub pixels: Vec<[f32; 2]>,
     /// How strong each cue is on it, 0 to 1: free space that is occupied, what stands before the static model, other luma where
-    /// depth is missing or the same, corners that move on their own, other texture; the same texture, the same place, the same luma where depth is
-    /// missing.
+    /// depth is missing or the same, corners that move on their own, other texture; the same texture, the same place, the same
+    /// luma where depth is missing.
     pub cues: [f32; Self::CUES],
     /// Whether it was taken for a mover.
     pub believed: bool,

@@ -111,7 +111,7 @@ impl Problem<'_> {
 
     /// Noise of the difference of two measurements, plus a pixel's worth of slope.
     fn depth_sigma(&self, z: f32) -> f32 {
-        std::f32::consts::SQRT_2 * self.noise.sigma(f64::from(z)) as f32 + 2.0 * z / self.camera.fx
+        self.noise.difference_sigma(z) + 2.0 * z / self.camera.fx
     }
 
     fn squared(&self, motion: &Motion, track: &Track) -> f32 {

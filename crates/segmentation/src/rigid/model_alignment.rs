@@ -137,8 +137,7 @@ impl Alignment<'_> {
         }
         let (value, slope) = place.interpolate(|j| depth[j]);
         let z = place.point[2];
-        let sigma = std::f32::consts::SQRT_2 * self.noise.sigma(f64::from(z)) as f32
-            + (self.pixel_sigma + self.shift) * length(slope);
+        let sigma = self.noise.difference_sigma(z) + (self.pixel_sigma + self.shift) * length(slope);
         let by_motion = self.derivative(slope, [0.0, 0.0, -1.0], place.point);
         add(normal, (value - z) / sigma, by_motion.map(|d| d / sigma), 0.0);
     }

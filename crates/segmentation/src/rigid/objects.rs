@@ -203,8 +203,7 @@ impl Objects {
         (previous, current): (&ViewFrame, &ViewFrame),
         dt: f64,
     ) {
-        let of_noise = |z: f32| STEP_SIGMAS * std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
-        let largest_step = |z: f32| (MAX_APPROACH * dt as f32).max(of_noise(z));
+        let largest_step = |z: f32| (MAX_APPROACH * dt as f32).max(STEP_SIGMAS * noise.difference_sigma(z));
         self.carried.fill(BACKGROUND);
         self.confidences.clear();
         self.confidences.resize(self.label_count(), 0.0);

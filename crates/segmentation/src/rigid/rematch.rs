@@ -2,7 +2,7 @@
 //! where it was. Features of both frames are matched without regard to where they are; their motion is then a guess from which corners are
 //! followed as usual.
 
-use pfd_geometry::{DepthNoise, Image, Pose};
+use pfd_geometry::{DepthNoise, Pose};
 use pfd_vision::VisionError;
 use pfd_vision::features::{Feature, FeatureExtractor, FeatureOptions};
 use rand_pcg::Pcg64Mcg;
@@ -33,18 +33,10 @@ pub(crate) fn guess(
     };
     let (then, now) = (features(previous)?, features(current)?);
     let found = matches(&then, &now);
-    let tracks = tracks(camera, &found, [&previous.depth, &current.depth], trust);
+    let tracks = with_depth(camera, &found, &previous.depth, &current.depth, trust);
+    let tracks: Vec<_> = tracks.into_iter().map(|(_, track)| track).collect();
     let estimate = ego_motion::estimate(camera, noise, &tracks, &Pose::identity(), rng);
     Ok(estimate.map(|ego| ego.T_current_previous))
-}
-
-fn tracks(
-    camera: &Pinhole,
-    found: &[Correspondence],
-    [previous, current]: [&Image<f32>; 2],
-    trust: impl Fn(usize) -> f32,
-) -> Vec<ego_motion::Track> {
-    with_depth(camera, found, previous, current, trust).into_iter().map(|(_, track)| track).collect()
 }
 
 /// Pairs of features of which each is the other's nearest, and by far.
@@ -73,7 +65,7 @@ fn nearest(feature: &Feature, among: &[Feature]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pfd_geometry::pose;
+    use pfd_geometry::{Image, pose};
     use rand::SeedableRng;
 
     const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 262.0, fy: 262.0, cx: 159.5, cy: 119.5 };

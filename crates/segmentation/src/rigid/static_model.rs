@@ -37,8 +37,7 @@ impl ModelPoint {
 
     /// Whether it is what a pixel shows where `z` metres are measured. Depths differ from `significance` standard deviations on.
     pub(crate) fn agrees_with(&self, z: f32, noise: &DepthNoise, significance: f32) -> bool {
-        let sigma = std::f32::consts::SQRT_2 * noise.sigma(f64::from(z)) as f32;
-        self.is_known() && (z - self.position[2]).abs() <= significance * sigma + EDGE_SLACK * z
+        self.is_known() && (z - self.position[2]).abs() <= significance * noise.difference_sigma(z) + EDGE_SLACK * z
     }
 
     /// Takes in a luma value by a share of `rate`.

@@ -28,8 +28,7 @@ pub(crate) fn seen_again(
         let moved = (z > 0.0 && counts(i)).then(|| motion.apply(camera.point(i, z))).filter(|p| p[2] > 0.0)?;
         let j = camera.nearest(camera.project(moved))?;
         let measured = current.depth.pixels()[j];
-        let sigma = std::f32::consts::SQRT_2 * noise.sigma(f64::from(moved[2])) as f32;
-        let tolerance = DEPTH_SIGMAS * sigma + RELATIVE_ERROR * moved[2];
+        let tolerance = DEPTH_SIGMAS * noise.difference_sigma(moved[2]) + RELATIVE_ERROR * moved[2];
         let is_as_bright = || {
             let beside = luma::range(camera, j, |j| Some(f32::from(current.gray.pixels()[j])));
             let gray = f32::from(previous.gray.pixels()[i]);
