@@ -172,8 +172,8 @@ impl Objects {
         }
     }
 
-    /// Updates image velocities from how corners on the objects moved in `dt` seconds. `caused` is the image motion, pixels, of what a pixel of
-    /// the last frame shows if it does not move; an object without corners goes on to move beside that as it did.
+    /// Updates image velocities from how corners on the objects moved in `dt` seconds. `caused` is the image motion, pixels, of what a
+    /// pixel of the last frame shows if it does not move; an object without corners goes on to move beside that as it did.
     pub(crate) fn update_velocities(
         &mut self,
         corners: &[CornerMove],

@@ -146,8 +146,8 @@ impl View {
         Self { camera: pinhole, source, corners, grid, inside, target, source_size: size, rays }
     }
 
-    /// Resamples a frame: luma by the mean of what a pixel covers, depth by the nearest measurement. Outside of the camera image luma goes on as at its border, so
-    /// that there is no edge, and depth is missing.
+    /// Resamples a frame: luma by the mean of what a pixel covers, depth by the nearest measurement. Outside of the camera image luma goes
+    /// on as at its border, so that there is no edge, and depth is missing.
     pub(crate) fn resample(&self, frame: &RgbdFrame, out: &mut ViewFrame) {
         let (width, height) = (self.camera.width, self.camera.height);
         if out.gray.size() != (width, height) {
