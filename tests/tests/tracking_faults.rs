@@ -164,6 +164,7 @@ fn a_camera_that_stays_lost_starts_a_segment_that_joins_the_rest_where_it_is_rec
         StampedPose { stamp: p.stamp.offset_by(-late), ..p }
     });
     let poses: Vec<_> = poses.collect();
+    assert_eq!(poses.len(), 40 + states.len() - found, "those of both segments");
     let error = pfd_evaluation::ate(run.sequence.ground_truth().unwrap(), &poses).unwrap().statistics.rmse;
     assert!(error < DISTURBED_ATE, "ATE of both segments {error}");
 }
@@ -184,6 +185,12 @@ fn a_part_of_the_map_that_begins_after_a_loss_says_that_its_place_is_a_guess() {
     assert!(tracked.is_apart);
     let sigma = tracked.covariance[(0, 0)].sqrt();
     assert!((2.0..5.0).contains(&sigma), "lost for three to four seconds: {sigma} m");
+    let last_before = run.sequence.frame(19).unwrap().stamp();
+    let (poses, all) = (run.tracker.trajectory(), run.tracker.recent_trajectory(usize::MAX));
+    assert_eq!(poses.len(), 20, "only the larger part");
+    assert!(all.len() > 20 && poses.iter().all(|p| p.stamp <= last_before));
+    let keyframes = (run.tracker.keyframe_trajectory(), run.tracker.keyframe_poses());
+    assert!(keyframes.0.len() < keyframes.1.len());
 }
 
 #[test]

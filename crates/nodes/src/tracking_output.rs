@@ -193,7 +193,7 @@ impl TrackingOutput {
         let points = tracker.map_points();
         let points = points.iter().map(|p| (T_map_world * p.position, p.color));
         self.map_points.publish(cloud(points, header.clone()));
-        let keyframes: Vec<Pose> = tracker.keyframe_trajectory().iter().map(|k| T_map_world * k.pose).collect();
+        let keyframes: Vec<Pose> = tracker.keyframe_poses().iter().map(|k| T_map_world * k.pose).collect();
         self.keyframes.publish(keyframe_markers(&keyframes, camera, &header));
     }
 }

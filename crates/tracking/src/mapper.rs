@@ -244,16 +244,31 @@ impl Mapper {
     }
 
     /// Poses (camera to world) of the last `count` logged frames by the present state of the map.
-    pub(crate) fn trajectory(&self, count: usize) -> Vec<StampedPose> {
-        self.trajectory.poses(&self.map, count)
+    pub(crate) fn recent_trajectory(&self, count: usize) -> Vec<StampedPose> {
+        self.trajectory.recent(&self.map, count)
     }
 
-    /// Poses (camera to world) of the keyframes, oldest first.
+    /// Poses (camera to world) of all logged frames in the largest segment.
+    pub(crate) fn trajectory(&self) -> Vec<StampedPose> {
+        let segment = self.segments.largest(&self.order).into_iter().collect();
+        self.trajectory.near(&self.map, &segment)
+    }
+
+    /// Poses (camera to world) of the keyframes of the largest segment, oldest first.
     pub(crate) fn keyframe_trajectory(&self) -> Vec<StampedPose> {
+        self.poses_of(&self.segments.largest(&self.order))
+    }
+
+    /// Poses (camera to world) of all keyframes, oldest first.
+    pub(crate) fn keyframe_poses(&self) -> Vec<StampedPose> {
+        self.poses_of(&self.order)
+    }
+
+    fn poses_of(&self, keyframes: &[KeyframeId]) -> Vec<StampedPose> {
         let pose = |id: &KeyframeId| {
             self.map.keyframe(*id).map(|k| StampedPose { stamp: k.stamp, pose: k.T_camera_world.inverse() })
         };
-        self.order.iter().filter_map(pose).collect()
+        keyframes.iter().filter_map(pose).collect()
     }
 }
 

@@ -1,6 +1,6 @@
 //! Poses of all frames, relative to keyframes, so that later corrections of the map reach them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use pfd_geometry::{Pose, Stamp, StampedPose};
 
@@ -46,16 +46,25 @@ impl TrajectoryLog {
     }
 
     /// The last `count` poses (camera to world) by the present state of the map.
-    pub(crate) fn poses(&self, map: &Map, count: usize) -> Vec<StampedPose> {
-        let place = |entry: &Entry| {
-            let (id, pose) = match self.removed.get(&entry.reference) {
-                Some((standin, relative)) => (*standin, entry.T_camera_reference * relative),
-                None => (entry.reference, entry.T_camera_reference),
-            };
-            let T_camera_world = pose * map.keyframe(id)?.T_camera_world;
-            Some(StampedPose { stamp: entry.stamp, pose: T_camera_world.inverse() })
+    pub(crate) fn recent(&self, map: &Map, count: usize) -> Vec<StampedPose> {
+        let recent = &self.entries[self.entries.len().saturating_sub(count)..];
+        recent.iter().filter_map(|entry| self.place(map, entry)).map(|(_, pose)| pose).collect()
+    }
+
+    /// All poses (camera to world) near one of `keyframes`.
+    pub(crate) fn near(&self, map: &Map, keyframes: &BTreeSet<KeyframeId>) -> Vec<StampedPose> {
+        let placed = self.entries.iter().filter_map(|entry| self.place(map, entry));
+        placed.filter(|(id, _)| keyframes.contains(id)).map(|(_, pose)| pose).collect()
+    }
+
+    /// The pose of a frame and the living keyframe from which it follows.
+    fn place(&self, map: &Map, entry: &Entry) -> Option<(KeyframeId, StampedPose)> {
+        let (id, pose) = match self.removed.get(&entry.reference) {
+            Some((standin, relative)) => (*standin, entry.T_camera_reference * relative),
+            None => (entry.reference, entry.T_camera_reference),
         };
-        self.entries[self.entries.len().saturating_sub(count)..].iter().filter_map(place).collect()
+        let T_camera_world = pose * map.keyframe(id)?.T_camera_world;
+        Some((id, StampedPose { stamp: entry.stamp, pose: T_camera_world.inverse() }))
     }
 }
 
@@ -92,9 +101,12 @@ mod tests {
         }
         log.replace(&map, earlier, first);
         map.remove_keyframe(earlier);
-        let poses = log.poses(&map, usize::MAX);
+        let poses = log.recent(&map, usize::MAX);
         assert_eq!(poses.len(), 6);
-        assert_eq!(log.poses(&map, 2), poses[4..]);
+        assert_eq!(log.recent(&map, 2), poses[4..]);
+        let other = add(&mut map, &mut log, 6);
+        assert_eq!(log.near(&map, &BTreeSet::from([first])), poses, "those for which the first stands in as well");
+        assert_eq!(log.near(&map, &BTreeSet::from([other])).len(), 1);
         for (i, found) in poses.iter().enumerate() {
             let error = pose::log(&(found.pose * pose_at(i as i64)));
             assert!(error.norm() < 1e-9, "frame {i}: {error}");

@@ -69,10 +69,13 @@ impl Map {
         self.points.get(id)
     }
 
-    /// A map point, if it is part of the static scene as far as can be told: three keyframes have seen it, or all there are.
+    /// A map point, if it is part of the static scene as far as can be told: three keyframes have seen it, or all there are that show
+    /// its surroundings.
     pub fn established(&self, id: MapPointId) -> Option<&MapPoint> {
-        let enough = ESTABLISHED.min(self.keyframe_count());
-        self.point(id).filter(|point| point.observations().len() >= enough)
+        let point = self.point(id)?;
+        let observer = self.keyframe(point.observations().first()?.keyframe)?;
+        let enough = ESTABLISHED.min(1 + observer.covisible().len());
+        (point.observations().len() >= enough).then_some(point)
     }
 
     /// A map point to change; its observations stay as they are.
@@ -327,5 +330,21 @@ mod tests {
             }
         }
         assert_eq!(map.covisible(a), vec![(b, 3), (c, 1)]);
+    }
+
+    #[test]
+    fn a_point_is_established_when_three_or_all_that_can_see_it_have() {
+        let mut map = Map::default();
+        let [a, b, c, apart] = [(); 4].map(|()| map.add_keyframe(keyframe(2)));
+        let add = |map: &mut Map, seen_by: &[KeyframeId], feature| {
+            let point = map.add_point(Point3::origin(), Observation { keyframe: seen_by[0], feature }).unwrap();
+            for &keyframe in &seen_by[1..] {
+                map.add_observation(point, Observation { keyframe, feature });
+            }
+            point
+        };
+        let (by_all, by_two, alone) =
+            (add(&mut map, &[a, b, c], 0), add(&mut map, &[a, b], 1), add(&mut map, &[apart], 0));
+        assert_eq!([by_all, by_two, alone].map(|id| map.established(id).is_some()), [true, false, true]);
     }
 }

@@ -296,19 +296,25 @@ impl Tracker {
         self.mapper.map()
     }
 
-    /// Poses (camera to world) of all tracked frames by the present state of the map.
+    /// Poses (camera to world) of the tracked frames by the present state of the map, without those in parts of it whose place in the world
+    /// is not known: where a camera that stayed lost began anew and never saw the largest part again.
     pub fn trajectory(&self) -> Vec<StampedPose> {
-        self.mapper.trajectory(usize::MAX)
+        self.mapper.trajectory()
     }
 
-    /// The last `count` of them.
+    /// Poses (camera to world) of the last `count` tracked frames, in whatever part of the map.
     pub fn recent_trajectory(&self, count: usize) -> Vec<StampedPose> {
-        self.mapper.trajectory(count)
+        self.mapper.recent_trajectory(count)
     }
 
-    /// Poses (camera to world) of the keyframes, oldest first.
+    /// Poses (camera to world) of the keyframes of the largest part of the map, oldest first.
     pub fn keyframe_trajectory(&self) -> Vec<StampedPose> {
         self.mapper.keyframe_trajectory()
+    }
+
+    /// Poses (camera to world) of all keyframes, oldest first.
+    pub fn keyframe_poses(&self) -> Vec<StampedPose> {
+        self.mapper.keyframe_poses()
     }
 
     /// All map points.
