@@ -135,13 +135,12 @@ pub fn match_descriptors(
         }
         (least != u32::MAX && is_distinct(least, second, config)).then_some(best)
     };
-    let backward: Vec<_> = train.iter().map(|(_, d)| nearest(d, query)).collect();
     query
         .iter()
         .enumerate()
         .filter_map(|(position, (index, descriptor))| {
-            let other = nearest(descriptor, train)?;
-            (backward[other] == Some(position)).then_some((*index, train[other].0))
+            let (other, found) = train[nearest(descriptor, train)?];
+            (nearest(&found, query) == Some(position)).then_some((*index, other))
         })
         .collect()
 }

@@ -5,7 +5,7 @@ use opencv::prelude::KeyPointTraitConst;
 use pfd_geometry::{GrayImage, Mask};
 
 use crate::convert::{VisionError, gray_as_mat};
-use crate::orb_pattern::{BITS, DIRECTIONS, PATTERN, RADIUS};
+use crate::orb_pattern::{BITS, DIRECTIONS, PATCH_SIDE, PATTERN, RADIUS};
 use crate::patch::Patch;
 
 /// A 256-bit binary descriptor.
@@ -14,8 +14,25 @@ pub struct Descriptor(pub [u64; BITS / 64]);
 
 impl Descriptor {
     /// Number of differing bits, 0 to 256.
+    ///
+    /// Counted in fields of growing width, all four words together: processors count the bits of a word in one step, but not those that the
+    /// compiler may assume.
+    #[inline]
     pub fn distance(&self, other: &Self) -> u32 {
-        self.0.iter().zip(&other.0).map(|(a, b)| (a ^ b).count_ones()).sum()
+        const PAIRS: u64 = 0x5555_5555_5555_5555;
+        const NIBBLES: u64 = 0x3333_3333_3333_3333;
+        const BYTES: u64 = 0x0F0F_0F0F_0F0F_0F0F;
+        const SHORTS: u64 = 0x00FF_00FF_00FF_00FF;
+        const SUM_OF_SHORTS: u64 = 0x0001_0001_0001_0001;
+        let [a, b, c, d]: [u64; 4] = std::array::from_fn(|i| {
+            let differing = self.0[i] ^ other.0[i];
+            let pairs = differing - ((differing >> 1) & PAIRS);
+            (pairs & NIBBLES) + ((pairs >> 2) & NIBBLES)
+        });
+        let bytes = |nibbles: u64| (nibbles & BYTES) + ((nibbles >> 4) & BYTES);
+        let bytes = bytes(a + b) + bytes(c + d);
+        let shorts = (bytes & SHORTS) + ((bytes >> 8) & SHORTS);
+        (shorts.wrapping_mul(SUM_OF_SHORTS) >> 48) as u32
     }
 }
 
@@ -194,7 +211,7 @@ impl FeatureExtractor {
         let stride = image.cols() as usize;
         out.extend(corners.iter().map(|corner| {
             let centre = corner.y as usize * stride + corner.x as usize;
-            let angle = centroid_angle(pixels, stride, centre);
+            let angle = centroid_angle(&surroundings(pixels, stride, centre));
             let (dx, dy) = refine(pixels, stride, centre);
             Feature {
                 u: self.options.from_level((corner.x as f32 + dx).into(), level as u8) as f32,
@@ -202,7 +219,7 @@ impl FeatureExtractor {
                 angle,
                 level: level as u8,
                 response: corner.response,
-                descriptor: describe(smooth, stride, centre, angle),
+                descriptor: describe(&surroundings(smooth, stride, centre), angle),
             }
         }));
         Ok(())
@@ -316,17 +333,35 @@ fn refine(pixels: &[u8], stride: usize, centre: usize) -> (f32, f32) {
     if dx.abs() > MAX_SHIFT || dy.abs() > MAX_SHIFT { (0.0, 0.0) } else { (dx, dy) }
 }
 
+/// The square around a corner, row by row.
+type Surroundings = [[u8; PATCH_SIDE]; PATCH_SIDE];
+
+fn surroundings(pixels: &[u8], stride: usize, centre: usize) -> Surroundings {
+    let first = centre - RADIUS as usize * (stride + 1);
+    std::array::from_fn(|row| std::array::from_fn(|column| pixels[first + row * stride..][..PATCH_SIDE][column]))
+}
+
+/// For each row of the surroundings, -1 (all bits) within the disc and 0 beside it.
+const DISC: [[i16; PATCH_SIDE]; PATCH_SIDE] = {
+    let mut disc = [[0; PATCH_SIDE]; PATCH_SIDE];
+    let (mut row, mut column) = (0, 0);
+    while row < PATCH_SIDE {
+        let (x, y) = (column as i32 - RADIUS, row as i32 - RADIUS);
+        disc[row][column] = if x * x + y * y <= RADIUS * RADIUS { -1 } else { 0 };
+        (row, column) = if column + 1 < PATCH_SIDE { (row, column + 1) } else { (row + 1, 0) };
+    }
+    disc
+};
+
 /// Direction from the corner to the intensity centroid of the disc around it (Rosin 1999; Rublee et al., section 3.2).
-fn centroid_angle(pixels: &[u8], stride: usize, centre: usize) -> f32 {
+fn centroid_angle(surroundings: &Surroundings) -> f32 {
     let (mut m01, mut m10) = (0_i32, 0_i32);
-    for y in -RADIUS..=RADIUS {
-        let half = f64::from(RADIUS * RADIUS - y * y).sqrt() as i32;
-        let row = (centre as isize + y as isize * stride as isize) as usize;
-        let line = &pixels[row - half as usize..=row + half as usize];
+    for ((line, disc), y) in surroundings.iter().zip(&DISC).zip(-RADIUS..) {
         let (mut sum, mut moment) = (0_i32, 0_i32);
-        for (i, &value) in line.iter().enumerate() {
-            sum += i32::from(value);
-            moment += i32::from(value) * (i as i32 - half);
+        for (x, (&value, &inside)) in line.iter().zip(disc).enumerate() {
+            let value = i32::from(i16::from(value) & inside);
+            sum += value;
+            moment += value * (x as i32 - RADIUS);
         }
         m10 += moment;
         m01 += y * sum;
@@ -334,14 +369,17 @@ fn centroid_angle(pixels: &[u8], stride: usize, centre: usize) -> f32 {
     (m01 as f32).atan2(m10 as f32)
 }
 
-/// The 256 intensity comparisons of the pattern turned to `angle`.
-fn describe(smooth: &[u8], stride: usize, centre: usize, angle: f32) -> Descriptor {
+/// The 256 intensity comparisons of the pattern turned to `angle`, on the smoothed surroundings.
+fn describe(smooth: &Surroundings, angle: f32) -> Descriptor {
     let turns = f64::from(angle) / std::f64::consts::TAU;
     let direction = ((turns * DIRECTIONS as f64).round() as i64).rem_euclid(DIRECTIONS as i64) as usize;
-    let at = |(x, y): (i8, i8)| smooth[(centre as isize + y as isize * stride as isize + x as isize) as usize];
+    // No index lies outside: the remainder only tells the compiler.
+    let at = |index: u16| smooth.as_flattened()[usize::from(index) % (PATCH_SIDE * PATCH_SIDE)];
     let mut words = [0_u64; BITS / 64];
-    for (bit, &[a, b]) in PATTERN[direction].iter().enumerate() {
-        words[bit / 64] |= u64::from(at(a) < at(b)) << (bit % 64);
+    for (word, pairs) in words.iter_mut().zip(PATTERN[direction].as_chunks::<64>().0) {
+        for (bit, &[a, b]) in pairs.iter().enumerate() {
+            *word |= u64::from(at(a) < at(b)) << bit;
+        }
     }
     Descriptor(words)
 }
@@ -350,6 +388,7 @@ fn describe(smooth: &[u8], stride: usize, centre: usize, angle: f32) -> Descript
 mod tests {
     use super::*;
     use pfd_geometry::Image;
+    use proptest::prelude::*;
     use rand::{RngExt, SeedableRng};
 
     const OPTIONS: FeatureOptions =
@@ -387,6 +426,19 @@ mod tests {
         let features = extractor.extract(Some(&mask), 4).unwrap();
         assert!(features.len() > 100);
         assert!(features.iter().all(|f| f.u > 160.0), "corners move by a pixel of their level at most");
+    }
+
+    proptest! {
+        #[test]
+        fn distance_counts_differing_bits(a in prop::array::uniform4(any::<u64>()), b in prop::array::uniform4(any::<u64>())) {
+            let expected: u32 = a.iter().zip(&b).map(|(a, b)| (a ^ b).count_ones()).sum();
+            prop_assert_eq!(Descriptor(a).distance(&Descriptor(b)), expected);
+        }
+    }
+
+    #[test]
+    fn opposite_descriptors_differ_in_every_bit() {
+        assert_eq!(Descriptor([0; 4]).distance(&Descriptor([u64::MAX; 4])), BITS as u32);
     }
 
     #[test]

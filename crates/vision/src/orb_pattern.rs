@@ -9,6 +9,8 @@ use rand_pcg::Pcg32;
 pub(crate) const BITS: usize = 256;
 /// Samples stay within this radius (pixels), so that a rotated pattern fits into the border that feature detection keeps free.
 pub(crate) const RADIUS: i32 = 15;
+/// Side of the square that holds all samples, its centre at `[RADIUS, RADIUS]`. One more than is needed: a power of two.
+pub(crate) const PATCH_SIDE: usize = 2 * RADIUS as usize + 2;
 /// Directions for which the pattern is tabulated (12 degrees apart: Rublee et al., ICCV 2011, section 4.1).
 pub(crate) const DIRECTIONS: usize = 30;
 
@@ -16,8 +18,8 @@ pub(crate) const DIRECTIONS: usize = 30;
 const SIGMA: f64 = (2 * RADIUS + 1) as f64 / 5.0;
 /// Any fixed number: descriptors in saved maps depend on it.
 const SEED: u64 = 0x5eed_0fb1;
-/// Each point of a pair, in pixels from the centre.
-pub(crate) type Pair = [(i8, i8); 2];
+/// Each point of a pair, as an index into the square.
+pub(crate) type Pair = [u16; 2];
 
 /// `PATTERN[direction][bit]`.
 pub(crate) static PATTERN: LazyLock<Vec<[Pair; BITS]>> = LazyLock::new(|| {
@@ -43,7 +45,8 @@ fn draw_point(rng: &mut Pcg32) -> [f64; 2] {
 
 fn rotate(base: &[[[f64; 2]; 2]; BITS], angle: f64) -> [Pair; BITS] {
     let (sin, cos) = angle.sin_cos();
-    let turn = |[x, y]: [f64; 2]| ((cos * x - sin * y).round() as i8, (sin * x + cos * y).round() as i8);
+    let from_corner = |offset: f64| (offset.round() as i32 + RADIUS) as usize;
+    let turn = |[x, y]: [f64; 2]| (from_corner(sin * x + cos * y) * PATCH_SIDE + from_corner(cos * x - sin * y)) as u16;
     std::array::from_fn(|bit| [turn(base[bit][0]), turn(base[bit][1])])
 }
 
@@ -54,11 +57,9 @@ mod tests {
     #[test]
     fn every_sample_is_inside_the_patch_and_pairs_differ() {
         for pairs in PATTERN.iter() {
-            for [(ax, ay), (bx, by)] in pairs {
-                for (x, y) in [(ax, ay), (bx, by)] {
-                    let (x, y) = (i32::from(*x), i32::from(*y));
-                    assert!(x * x + y * y <= RADIUS * RADIUS);
-                }
+            for index in pairs.as_flattened().iter().map(|&index| i32::from(index)) {
+                let (x, y) = (index % PATCH_SIDE as i32 - RADIUS, index / PATCH_SIDE as i32 - RADIUS);
+                assert!(x * x + y * y <= RADIUS * RADIUS);
             }
             let degenerate = pairs.iter().filter(|[a, b]| a == b).count();
             assert!(degenerate <= BITS / 32, "{degenerate} pairs compare a pixel with itself");
