@@ -155,9 +155,8 @@ impl DepthImage {
     /// Takes over an image in metres; whatever is not a positive finite number becomes "no measurement".
     pub fn from_metres(mut image: Image<f32>) -> Self {
         for depth in image.pixels_mut() {
-            if !(depth.is_finite() && *depth > 0.0) {
-                *depth = 0.0;
-            }
+            // Without a branch, so that several are compared at once.
+            *depth = if *depth > 0.0 && *depth < f32::INFINITY { *depth } else { 0.0 };
         }
         Self(image)
     }
