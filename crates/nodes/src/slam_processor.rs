@@ -163,9 +163,9 @@ impl SlamProcessor {
         }
         if self.last_stamp.replace(stamp).is_some_and(|last| is_set_back(last, stamp)) {
             tracing::warn!("time was set back to {stamp}: starting anew");
-            tracker.as_mut().into_iter().for_each(Tracker::reset);
             self.names = self.names.restarted();
             self.parts.masks.restart(stamp);
+            tracker.as_mut().map_or(Ok(()), |tracker| start_afresh(&self.parts.shared, tracker))?;
         }
         Ok(())
     }
@@ -363,6 +363,12 @@ fn load_wanted_map(shared: &Shared, tracker: &mut Tracker) -> anyhow::Result<()>
     Ok(())
 }
 
+/// Forgets what was seen, but not that the camera is to be looked for in a map that was loaded.
+fn start_afresh(shared: &Shared, tracker: &mut Tracker) -> anyhow::Result<()> {
+    tracker.reset();
+    if tracker.map().keyframe_count() > 0 { Ok(()) } else { load_wanted_map(shared, tracker) }
+}
+
 /// Whether a mask is one of an image of this size, or what is wrong with it.
 fn check_size(mask: &Mask, (width, height): (usize, usize)) -> Result<(), String> {
     match mask.image().size() {
@@ -402,6 +408,25 @@ impl Processor for SlamProcessor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pfd_tracking::TrackingConfig;
+    use std::path::Path;
+
+    #[test]
+    fn whoever_starts_afresh_is_looked_for_in_the_map_that_was_loaded() {
+        let bundled = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/composite-demo");
+        let sequence = pfd_dataset::Sequence::open(&bundled).unwrap();
+        let mut tracker = Tracker::new(sequence.camera().unwrap(), &TrackingConfig::default(), 0).unwrap();
+        tracker.track(&sequence.frame(0).unwrap(), None).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let map = folder.path().join("room.map");
+        tracker.snapshot().save(&map).unwrap();
+        let shared = Shared::default();
+        start_afresh(&shared, &mut tracker).unwrap();
+        assert_eq!(tracker.map().keyframe_count(), 0, "no map was loaded");
+        shared.want_map(Some(map));
+        start_afresh(&shared, &mut tracker).unwrap();
+        assert_eq!(tracker.map().keyframe_count(), 1);
+    }
 
     #[test]
     fn a_mask_of_another_size_is_named() {
