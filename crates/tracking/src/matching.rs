@@ -123,26 +123,16 @@ pub fn match_descriptors(
     train: &[(usize, Descriptor)],
     config: &TrackingConfig,
 ) -> Vec<(usize, usize)> {
-    let nearest = |from: &Descriptor, to: &[(usize, Descriptor)]| {
-        let (mut best, mut least, mut second) = (0, u32::MAX, u32::MAX);
-        for (position, (_, descriptor)) in to.iter().enumerate() {
-            let distance = from.distance(descriptor);
-            if distance < least {
-                (best, second, least) = (position, least, distance);
-            } else {
-                second = second.min(distance);
-            }
-        }
-        (least != u32::MAX && is_distinct(least, second, config)).then_some(best)
+    let descriptors = |of: &[(usize, Descriptor)]| of.iter().map(|(_, d)| *d).collect::<Vec<_>>();
+    let (queries, trains) = (descriptors(query), descriptors(train));
+    let nearest = |from: &Descriptor, to: &[Descriptor]| {
+        from.nearest(to).filter(|found| is_distinct(found.distance, found.second, config)).map(|found| found.index)
     };
-    query
-        .iter()
-        .enumerate()
-        .filter_map(|(position, (index, descriptor))| {
-            let (other, found) = train[nearest(descriptor, train)?];
-            (nearest(&found, query) == Some(position)).then_some((*index, other))
-        })
-        .collect()
+    let mutual = |(position, descriptor): (usize, &Descriptor)| {
+        let other = nearest(descriptor, &trains)?;
+        (nearest(&trains[other], &queries) == Some(position)).then_some((query[position].0, train[other].0))
+    };
+    queries.iter().enumerate().filter_map(mutual).collect()
 }
 
 #[cfg(test)]

@@ -34,6 +34,49 @@ impl Descriptor {
         let shorts = (bytes & SHORTS) + ((bytes >> 8) & SHORTS);
         (shorts.wrapping_mul(SUM_OF_SHORTS) >> 48) as u32
     }
+
+    /// The nearest of `candidates`; `None` without any.
+    pub fn nearest(&self, candidates: &[Self]) -> Option<Nearest> {
+        pulp::Arch::new().dispatch(Search { wanted: self, candidates })
+    }
+}
+
+/// The nearest of several descriptors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Nearest {
+    /// Its index; of equally near ones the first.
+    pub index: usize,
+    /// Bits in which it differs.
+    pub distance: u32,
+    /// Those of the second nearest; `u32::MAX` where there is none.
+    pub second: u32,
+}
+
+/// A search through all of `candidates`, compiled for several processors.
+struct Search<'a> {
+    wanted: &'a Descriptor,
+    candidates: &'a [Descriptor],
+}
+
+impl pulp::NullaryFnOnce for Search<'_> {
+    type Output = Option<Nearest>;
+
+    // Only what is inlined may use what the processor has.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn call(self) -> Option<Nearest> {
+        let mut nearest = Nearest { index: 0, distance: u32::MAX, second: u32::MAX };
+        for (index, candidate) in self.candidates.iter().enumerate() {
+            let [a, b, c, d] = std::array::from_fn(|i| (self.wanted.0[i] ^ candidate.0[i]).count_ones());
+            let distance = a + b + c + d;
+            if distance < nearest.distance {
+                nearest = Nearest { index, distance, second: nearest.distance };
+            } else {
+                nearest.second = nearest.second.min(distance);
+            }
+        }
+        (!self.candidates.is_empty()).then_some(nearest)
+    }
 }
 
 /// A corner with its descriptor.
@@ -433,6 +476,21 @@ mod tests {
         fn distance_counts_differing_bits(a in prop::array::uniform4(any::<u64>()), b in prop::array::uniform4(any::<u64>())) {
             let expected: u32 = a.iter().zip(&b).map(|(a, b)| (a ^ b).count_ones()).sum();
             prop_assert_eq!(Descriptor(a).distance(&Descriptor(b)), expected);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_nearest_is_that_of_the_sorted_distances(
+            all in prop::collection::vec(prop::array::uniform4(0..8_u64), 1..40),
+        ) {
+            let all: Vec<_> = all.into_iter().map(Descriptor).collect();
+            let (wanted, candidates) = all.split_first().unwrap();
+            let mut expected: Vec<_> = candidates.iter().map(|c| wanted.distance(c)).enumerate().collect();
+            expected.sort_by_key(|&(index, distance)| (distance, index));
+            let second = expected.get(1).map_or(u32::MAX, |(_, distance)| *distance);
+            let expected = expected.first().map(|&(index, distance)| Nearest { index, distance, second });
+            prop_assert_eq!(wanted.nearest(candidates), expected);
         }
     }
 
