@@ -165,7 +165,9 @@ impl SlamProcessor {
             tracing::warn!("time was set back to {stamp}: starting anew");
             self.names = self.names.restarted();
             self.parts.masks.restart(stamp);
-            tracker.as_mut().map_or(Ok(()), |tracker| start_afresh(&self.parts.shared, tracker))?;
+            if let Some(tracker) = tracker.as_mut() {
+                start_afresh(&self.parts.shared, tracker)?;
+            }
         }
         Ok(())
     }
