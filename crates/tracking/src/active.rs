@@ -3,6 +3,7 @@
 use pfd_geometry::Stamp;
 
 use crate::agreement::Agreement;
+use crate::clarity::Clarity;
 use crate::localization::{Expectation, Localized};
 use crate::map::{KeyframeId, MapPointId};
 use crate::motion::Motion;
@@ -18,12 +19,14 @@ pub(crate) struct Active {
     /// When the camera was found again or the stream went on after a gap, if it did.
     pub(crate) resumed: Option<Stamp>,
     pub(crate) agreement: Agreement,
+    pub(crate) clarity: Clarity,
 }
 
 impl Active {
     /// At the keyframe `reference`, which shows `last_points`.
     pub(crate) fn new(motion: Motion, reference: KeyframeId, last_points: Vec<MapPointId>) -> Self {
-        Self { motion, reference, last_points, resumed: None, agreement: Agreement::default() }
+        let (agreement, clarity) = (Agreement::default(), Clarity::default());
+        Self { motion, reference, last_points, resumed: None, agreement, clarity }
     }
 
     /// What to look for in a frame at `stamp`.

@@ -22,6 +22,8 @@ pub(crate) struct Situation<'a> {
     pub(crate) is_masked: bool,
     /// Whether agreement with the map broke off a short time ago.
     pub(crate) agreement_broke_off: bool,
+    /// Whether the frame shows much less of the map than those just before it.
+    pub(crate) is_poor: bool,
 }
 
 /// Time without keyframes after an interruption, seconds: segmentation has to learn anew what moves, and masks nothing until then.
@@ -42,7 +44,7 @@ pub(crate) fn is_due(map: &Map, config: &TrackingConfig, situation: &Situation<'
     let wanted = config.mapping.wanted_points;
     // With fewer points than are wanted, a keyframe that may stand aside is better than none; with as many it can wait until it is clear
     // what the frame shows.
-    let doubtful = situation.agreement_broke_off && matches.len() >= wanted;
+    let doubtful = (situation.agreement_broke_off || situation.is_poor) && matches.len() >= wanted;
     if too_soon || quiet || without_mask || doubtful {
         return false;
     }
@@ -65,12 +67,13 @@ mod tests {
     /// Whether a frame that shows many unknown points becomes a keyframe so long after the last one, and so long after the camera was
     /// found again, seconds.
     fn due_after(seconds: f64, found_again: Option<f64>, is_masked: bool) -> bool {
-        due(seconds, (found_again, is_masked, false), 0)
+        due(seconds, (found_again, is_masked), [false; 2], 0)
     }
 
     fn due(
         seconds: f64,
-        (found_again, is_masked, agreement_broke_off): (Option<f64>, bool, bool),
+        (found_again, is_masked): (Option<f64>, bool),
+        [agreement_broke_off, is_poor]: [bool; 2],
         matched: usize,
     ) -> bool {
         let measured = Measurement { pixel: Point2::new(30.0, 30.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
@@ -93,6 +96,7 @@ mod tests {
             matches: &matches,
             is_masked,
             agreement_broke_off,
+            is_poor,
         };
         is_due(&map, &TrackingConfig::default(), &situation)
     }
@@ -114,10 +118,17 @@ mod tests {
     }
 
     #[test]
-    fn there_are_none_while_agreement_has_just_broken_off() {
-        let due = |broke_off, matched| due(1.0, (None, true, broke_off), matched);
-        assert_eq!([due(true, 160), due(false, 160)], [false, true]);
-        assert_eq!([due(true, 100), due(true, 99)], [false, true], "rather a doubtful keyframe than to be lost");
+    fn there_are_none_while_agreement_has_just_broken_off_or_little_is_found() {
+        let due = |doubts, matched| due(1.0, (None, true), doubts, matched);
+        assert!(due([false; 2], 160));
+        for doubts in [[true, false], [false, true]] {
+            assert!(!due(doubts, 160));
+            assert_eq!(
+                [due(doubts, 100), due(doubts, 99)],
+                [false, true],
+                "rather a doubtful keyframe than to be lost"
+            );
+        }
     }
 
     #[test]

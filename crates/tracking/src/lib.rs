@@ -8,6 +8,7 @@ mod agreement;
 mod alignment;
 mod background;
 pub mod bundle_adjustment;
+mod clarity;
 pub mod config;
 mod first_frames;
 pub mod image_features;

@@ -156,7 +156,8 @@ pub fn cull_points(map: &mut Map, config: &TrackingConfig, keyframes: &[Keyframe
     }
 }
 
-/// Records for every local point whether the frame should have shown it, did, or shows free space in its place.
+/// Records for every local point whether the frame should have shown it, did, or shows free space in its place. Returns how many it should
+/// have shown and did not.
 #[allow(non_snake_case)]
 pub fn update_point_memory(
     map: &mut Map,
@@ -165,7 +166,7 @@ pub fn update_point_memory(
     (depth, mask): (&DepthImage, Option<&Mask>),
     T_camera_world: &Pose,
     (local, found): (&[MapPointId], &[Match]),
-) {
+) -> usize {
     for m in found {
         if let Some(point) = map.point_mut(m.point) {
             point.counts.add(Counts::FOUND);
@@ -173,6 +174,7 @@ pub fn update_point_memory(
     }
     let mut found: Vec<_> = found.iter().map(|m| m.point).collect();
     found.sort_unstable();
+    let mut missed = 0;
     for &id in local.iter().filter(|id| found.binary_search(id).is_err()) {
         let Some(point) = map.point(id) else { continue };
         let Some(seen) = predict(camera, T_camera_world, point, config) else { continue };
@@ -180,10 +182,14 @@ pub fn update_point_memory(
         let Some(point) = map.point_mut(id) else { continue };
         match verdict {
             Sight::Hidden => {}
-            Sight::Visible => point.counts.add(Counts::MISSED),
+            Sight::Visible => {
+                point.counts.add(Counts::MISSED);
+                missed += 1;
+            }
             Sight::FreeSpace => point.counts.add(Counts::CONTRADICTED),
         }
     }
+    missed
 }
 
 /// What a frame says about a point that it should show.

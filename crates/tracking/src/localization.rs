@@ -120,6 +120,20 @@ impl Localizer<'_> {
         }
     }
 
+    /// A pose that the motion so far hardly leads to, or that from the reference keyframe, without regard to motion, if more of the map
+    /// supports it: points of a far wall can agree on a pose that trades translation for rotation.
+    pub fn doubt(
+        &self,
+        features: &ImageFeatures,
+        known: &Expectation<'_>,
+        found: Localized,
+        rng: &mut Pcg32,
+    ) -> Localized {
+        let anywhere = self.from_keyframe(features, known.reference, &known.last, rng);
+        let other = anywhere.and_then(|anywhere| self.settle(features, &anywhere));
+        other.filter(|other| other.matches.len() > found.matches.len()).unwrap_or(found)
+    }
+
     /// Tracks the points of the last frame from a predicted pose (Mur-Artal et al., T-RO 2015, section V-B).
     pub fn from_prediction(
         &self,
@@ -236,5 +250,76 @@ impl Localizer<'_> {
             consensus,
             sought: Vec::new(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Point2, Point3, Vector6};
+    use pfd_geometry::{Distortion, Stamp, pose};
+    use pfd_vision::features::{Descriptor, Feature};
+    use rand::{RngExt, SeedableRng};
+
+    use crate::local_mapping::insert_keyframe;
+    use crate::map::Keyframe;
+    use crate::residual::Measurement;
+
+    fn camera() -> Camera {
+        Camera::new((640, 480), [520.0, 520.0, 320.0, 240.0], Distortion::default()).unwrap()
+    }
+
+    /// What a camera at `T_camera_world` sees of points, each with a descriptor of its own.
+    #[allow(non_snake_case)]
+    fn look(points: &[(Point3<f64>, Descriptor)], T_camera_world: &Pose) -> ImageFeatures {
+        let seen = points.iter().filter_map(|(point, descriptor)| {
+            let point = T_camera_world * point;
+            let pixel = camera().project(&point).filter(|p| camera().contains(p, 1.0))?;
+            let (u, v) = (pixel.x as f32, pixel.y as f32);
+            let feature = Feature { u, v, angle: 0.0, level: 0, response: 1.0, descriptor: *descriptor };
+            Some((feature, Measurement { pixel, sigma: 0.7, depth: Some((point.z, 0.05)) }))
+        });
+        let (features, measurements): (Vec<_>, Vec<_>) = seen.unzip();
+        let colors = vec![[0; 3]; features.len()];
+        ImageFeatures::from_parts((640, 480), features, measurements, colors)
+    }
+
+    /// A wall at 4 m with so many points, a desk at 1.5 m with so many, and the map of a camera at the origin that sees both.
+    fn wall_and_desk(on_wall: usize, on_desk: usize) -> (Vec<(Point3<f64>, Descriptor)>, Map) {
+        let mut rng = Pcg32::seed_from_u64(1);
+        let mut point = |i: usize| {
+            let z = if i < on_wall { 4.0 } else { 1.5 };
+            let pixel = Point2::new(rng.random_range(40.0..600.0), rng.random_range(40.0..440.0));
+            (camera().unproject(&pixel, z), Descriptor(std::array::from_fn(|_| rng.random())))
+        };
+        let points: Vec<_> = (0..on_wall + on_desk).map(&mut point).collect();
+        let features = look(&points, &Pose::identity());
+        let keyframe = Keyframe::new(Stamp::default(), 0, Pose::identity(), features);
+        let mut map = Map::default();
+        insert_keyframe(&mut map, &camera(), &TrackingConfig::default(), keyframe, &[]);
+        (points, map)
+    }
+
+    #[test]
+    fn a_doubtful_pose_gives_way_to_one_with_more_support_and_to_no_other() {
+        let (points, map) = wall_and_desk(60, 60);
+        let (camera, config) = (camera(), TrackingConfig::default());
+        let localizer = Localizer { camera: &camera, config: &config, map: &map };
+        let truth = pose::exp(&Vector6::new(0.05, 0.0, 0.02, 0.0, 0.01, 0.0));
+        let features = look(&points, &truth);
+        let (reference, _) = map.keyframes().next().unwrap();
+        let last_points: Vec<_> = map.points().map(|(id, _)| id).collect();
+        let (last, known_points) = (Pose::identity(), &last_points[..]);
+        let known = Expectation { predicted: last, last, last_points: known_points, reference };
+        let mut rng = Pcg32::seed_from_u64(2);
+        let right = localizer.follow(&features, &known, &mut rng).unwrap();
+        assert!(pose::log(&(right.T_camera_world * truth.inverse())).norm() < 1e-3);
+        // The points of the wall alone, by a translation with the opposite rotation.
+        let traded = pose::exp(&Vector6::new(-0.12, 0.0, 0.0, 0.0, -0.03, 0.0)) * truth;
+        let wrong = Localized { T_camera_world: traded, matches: right.matches[..60].to_vec(), ..right.clone() };
+        let found = localizer.doubt(&features, &known, wrong, &mut rng);
+        assert!(pose::log(&(found.T_camera_world * truth.inverse())).norm() < 1e-3);
+        let jolted = localizer.doubt(&features, &known, right.clone(), &mut rng);
+        assert_eq!(jolted.T_camera_world, right.T_camera_world, "nothing has more support");
     }
 }

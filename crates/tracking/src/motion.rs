@@ -54,6 +54,12 @@ impl Motion {
         self.filter.update(&self.T_camera_world, elapsed, found)
     }
 
+    /// Whether the pose that was found at `stamp` is one that the motion so far hardly leads to.
+    pub(crate) fn is_unlikely(&self, stamp: Stamp, found: &UncertainPose) -> bool {
+        let elapsed = stamp.seconds_since(self.stamp);
+        elapsed <= MAX_EXTRAPOLATION && self.filter.is_unlikely(&self.T_camera_world, elapsed, found)
+    }
+
     /// Whether the motion so far says where the camera is at `stamp`.
     pub(crate) fn reaches(&self, stamp: Stamp) -> bool {
         (0.0..=MAX_EXTRAPOLATION).contains(&stamp.seconds_since(self.stamp))

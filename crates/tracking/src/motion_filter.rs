@@ -19,6 +19,9 @@ const ANGULAR_SPEED: f64 = 2.0;
 /// Squared normalised distance (6 degrees of freedom) between prediction and pose beyond which the camera was jolted, or moved as it
 /// seldom does: the prediction then counts in proportion less.
 const JOLT: f64 = 30.0;
+/// The same from which a pose is worth a second look: the 98 % quantile. It is passed in one frame of two hundred, as covariances are
+/// generous.
+const UNLIKELY: f64 = 15.0;
 
 /// A pose and the covariance of a perturbation in the camera frame (tx ty tz rx ry rz, metres and radians).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,12 +75,9 @@ impl MotionFilter {
     /// found one, and the filter starts anew, where the covariances leave that open.
     pub(crate) fn update(&mut self, last: &Pose, dt: f64, found: &UncertainPose) -> UncertainPose {
         let predicted = self.predict(last, dt);
-        let mut prior = self.covariance_after(dt);
         let innovation = pose::log(&(found.T_camera_world * predicted.inverse()));
-        let weigh = |prior: &Matrix12| (prior.fixed_view::<6, 6>(0, 0) + found.covariance).cholesky();
-        let surprise = weigh(&prior).map_or(0.0, |weight| innovation.dot(&weight.solve(&innovation)) / JOLT);
-        prior *= surprise.max(1.0);
-        let Some(weight) = weigh(&prior) else {
+        let prior = self.covariance_after(dt) * (self.departure(last, dt, found) / JOLT).max(1.0);
+        let Some(weight) = (prior.fixed_view::<6, 6>(0, 0) + found.covariance).cholesky() else {
             *self = Self::start(&found.covariance);
             return *found;
         };
@@ -91,6 +91,19 @@ impl MotionFilter {
             T_camera_world: pose::renormalized(pose::exp(&correction.fixed_rows::<6>(0).into_owned()) * predicted),
             covariance: self.covariance.fixed_view::<6, 6>(0, 0).into_owned(),
         }
+    }
+
+    /// Whether the camera moves like that too seldom to believe it without looking again.
+    pub(crate) fn is_unlikely(&self, last: &Pose, dt: f64, found: &UncertainPose) -> bool {
+        self.departure(last, dt, found) > UNLIKELY
+    }
+
+    /// Squared normalised distance between the prediction and the pose that was found `dt` seconds after the camera was at `last`; zero
+    /// where the covariances leave everything open.
+    fn departure(&self, last: &Pose, dt: f64, found: &UncertainPose) -> f64 {
+        let innovation = pose::log(&(found.T_camera_world * self.predict(last, dt).inverse()));
+        let weight = self.covariance_after(dt).fixed_view::<6, 6>(0, 0) + found.covariance;
+        weight.cholesky().map_or(0.0, |weight| innovation.dot(&weight.solve(&innovation)))
     }
 
     /// Velocity of the camera in its own frame, and its covariance. The filter holds the twist that moves `T_camera_world`, from the
@@ -201,6 +214,21 @@ mod tests {
         let jolted = pose::exp(&Vector6::new(0.2, 0.0, 0.0, 0.3, 0.0, 0.0));
         let filtered = filter.update(&last, DT, &uncertain(jolted, 1e-3));
         assert!(distance(&filtered.T_camera_world, &jolted) < 0.002);
+    }
+
+    #[test]
+    fn a_leap_is_unlikely_unless_the_pose_is_as_uncertain() {
+        let step = pose::exp(&Vector6::new(0.01, 0.0, 0.0, 0.0, 0.01, 0.0));
+        let mut filter = MotionFilter::start(&(Matrix6::identity() * 1e-6));
+        let mut last = Pose::identity();
+        for _ in 0..10 {
+            last = filter.update(&last, DT, &uncertain(step * last, 1e-3)).T_camera_world;
+        }
+        let leap = pose::exp(&Vector6::new(0.12, 0.0, 0.0, 0.0, -0.03, 0.0));
+        let is_unlikely = |motion: Pose, sigma| filter.is_unlikely(&last, DT, &uncertain(motion * step * last, sigma));
+        assert!(is_unlikely(leap, 0.01));
+        assert!(!is_unlikely(leap, 0.1));
+        assert!(!is_unlikely(pose::exp(&Vector6::new(0.01, 0.0, 0.0, 0.0, 0.01, 0.0)), 0.01), "twice as fast");
     }
 
     #[test]

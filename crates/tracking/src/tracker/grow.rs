@@ -27,7 +27,7 @@ impl Tracker {
     }
 
     fn remember(&mut self, candidate: &Candidate<'_>, localized: &Localized) {
-        local_mapping::update_point_memory(
+        let missed = local_mapping::update_point_memory(
             self.mapper.map_mut(),
             &self.camera,
             &self.config,
@@ -35,6 +35,10 @@ impl Tracker {
             &localized.T_camera_world,
             (&localized.sought, &localized.matches),
         );
+        let found = localized.matches.len();
+        if let Some(active) = &mut self.active {
+            active.clarity.observe(candidate.frame.stamp(), (found, found + missed));
+        }
     }
 
     fn keyframe_is_due(&self, candidate: &Candidate<'_>, localized: &Localized) -> bool {
@@ -43,6 +47,7 @@ impl Tracker {
             stamp: candidate.frame.stamp(),
             resumed: active.resumed,
             agreement_broke_off: active.agreement.broke_off(candidate.frame.stamp()),
+            is_poor: active.clarity.is_poor(),
             reference: active.reference,
             newest: self.mapper.newest(),
             features: &candidate.features,

@@ -8,6 +8,7 @@ use crate::active::Active;
 use crate::image_features::ImageFeatures;
 use crate::localization::{Localized, Localizer};
 use crate::mask_check;
+use crate::motion_filter::UncertainPose;
 use crate::result::{TrackingError, TrackingState};
 
 impl Tracker {
@@ -107,8 +108,14 @@ impl Tracker {
     }
 
     fn follow(&self, active: &Active, candidate: &Candidate<'_>) -> Option<Localized> {
-        let expectation = active.expectation(candidate.frame.stamp());
-        self.localizer().follow(&candidate.features, &expectation, &mut self.rng.clone())
+        let (stamp, features) = (candidate.frame.stamp(), &candidate.features);
+        let (localizer, expectation) = (self.localizer(), active.expectation(stamp));
+        let found = localizer.follow(features, &expectation, &mut self.rng.clone())?;
+        let pose = UncertainPose::found(found.T_camera_world, &found.covariance);
+        if !active.motion.is_unlikely(stamp, &pose) {
+            return Some(found);
+        }
+        Some(localizer.doubt(features, &expectation, found, &mut self.rng.clone()))
     }
 
     fn relocalize(&mut self, features: &ImageFeatures) -> Option<Localized> {
