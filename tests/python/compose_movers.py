@@ -588,6 +588,12 @@ def note_sheet(writer: Writer, image: np.ndarray, mask: np.ndarray, depth: np.nd
     writer.sheet.append(cv2.resize(np.vstack([tinted, shown]), (320, 480), interpolation=cv2.INTER_AREA))
 
 
+def save_sheet(writer: Writer, file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    rows = [writer.sheet[i : i + 5] for i in range(0, len(writer.sheet), 5)]
+    cv2.imwrite(str(file), np.vstack([np.hstack(row + [np.zeros_like(row[0])] * (5 - len(row))) for row in rows]))
+
+
 class Fr1:
     """The real static sequence."""
 
@@ -758,10 +764,7 @@ def main() -> None:
         shares = [(cv2.imread(str(path), cv2.IMREAD_UNCHANGED) > 0).mean() for path in sorted((folder / "mask").iterdir())]
         print(f"{name}: {len(shares)} frames, masked {100 * np.mean(shares):.1f} % on average, {100 * max(shares):.1f} % at most", flush=True)
         if options.sheets:
-            options.sheets.mkdir(parents=True, exist_ok=True)
-            rows = [writer.sheet[i : i + 5] for i in range(0, len(writer.sheet), 5)]
-            sheet = np.vstack([np.hstack(row + [np.zeros_like(row[0])] * (5 - len(row))) for row in rows])
-            cv2.imwrite(str(options.sheets / f"{name}.png"), sheet)
+            save_sheet(writer, options.sheets / f"{name}.png")
 
 
 if __name__ == "__main__":
