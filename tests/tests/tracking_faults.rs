@@ -313,6 +313,36 @@ fn what_stood_in_the_map_and_sets_off_before_its_mask_comes_leaves_the_map_as_it
     }
 }
 
+/// The frame as a camera sees it that turns by so many pixels to the right during the exposure.
+fn blurred(frame: &RgbdFrame, pixels: usize) -> RgbdFrame {
+    let mut rgb = frame.rgb().clone();
+    for v in 0..rgb.height() {
+        let sharp = frame.rgb().row(v);
+        for (u, pixel) in rgb.row_mut(v).iter_mut().enumerate() {
+            let seen = &sharp[u.saturating_sub(pixels / 2)..(u + pixels / 2 + 1).min(sharp.len())];
+            let mean = |channel: usize| seen.iter().map(|p| usize::from(p[channel])).sum::<usize>() / seen.len();
+            *pixel = [0, 1, 2].map(|channel| mean(channel) as u8);
+        }
+    }
+    RgbdFrame::new(frame.stamp(), rgb, frame.depth().clone()).unwrap()
+}
+
+#[test]
+fn blurred_frames_are_followed_and_do_not_become_keyframes() {
+    const EVERY: usize = 6;
+    // With fewer points than are wanted a keyframe is better than none.
+    let wanted = TrackingConfig::default().mapping.wanted_points as u32;
+    let mut run = Run::new();
+    for i in 0..120 {
+        let (frame, mask) = (run.frame(i), run.mask(i));
+        let is_blurred = i % EVERY == EVERY - 1;
+        let tracked = run.track(&if is_blurred { blurred(&frame, 8) } else { frame }, Some(&mask));
+        assert_eq!(tracked.state, TrackingState::Ok, "frame {i}");
+        assert!(!(is_blurred && tracked.is_keyframe && tracked.inliers >= wanted), "frame {i}");
+    }
+    assert!(run.ate() < DISTURBED_ATE, "ATE {}", run.ate());
+}
+
 #[test]
 fn a_jump_that_constant_velocity_does_not_predict_is_followed() {
     let mut run = Run::new();
