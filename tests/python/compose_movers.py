@@ -686,7 +686,6 @@ class Room:
 def compose_room(data: Path, folder: Path, room: Room, scene: Scene, rng: np.random.Generator, frames: int = 150) -> Writer:
     colour, depth = cv2.imread(str(data / room.colour)), metres(data / room.depth)
     fx, fy, cx, cy = room.camera
-    inner = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     camera = [ZOOM * fx, ZOOM * fy, 319.5, 239.5, 0, 0, 0, 0, 0]
     rays = rays_of(camera)
     writer = Writer(folder, camera, "virtual camera that rotates in one RGB-D image; no distortion")

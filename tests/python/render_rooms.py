@@ -462,7 +462,7 @@ def write(options: argparse.Namespace, folder: Path, people: Callable, source: P
         writer.image("rgb", stamp, image)
         writer.image("mask", stamp, mask)
         writer.depth(stamp + late, depth)
-        if i % max(1, options.frames // 20) == 2:
+        if i % max(1, options.frames // 20) == 0:
             movers.note_sheet(writer, image, mask, depth)
     near = (path.rows[:, 0] > start - 1) & (path.rows[:, 0] < start + seconds + 1)
     on_ground = lambda row: np.r_[view.axes.T @ (row[1:4] - view.origin), movers.quaternion(view.axes.T @ movers.matrix(row[4:]))]
