@@ -551,7 +551,7 @@ def shaken(seconds: float, rng: np.random.Generator) -> Callable[[float], np.nda
 class Writer:
     """Folder in TUM layout."""
 
-    def __init__(self, folder: Path, camera: list, note: str):
+    def __init__(self, folder: Path, camera: list, note: str, size: tuple = (WIDTH, HEIGHT)):
         self.folder, self.lists, self.sheet = folder, {"rgb": [], "depth": [], "mask": []}, []
         for name in self.lists:
             (folder / name).mkdir(parents=True, exist_ok=True)
@@ -560,7 +560,7 @@ class Writer:
         fields = "".join(f"{key}: {value:.10g}\n" for key, value in zip(("fx", "fy", "cx", "cy"), camera))
         distortion = ", ".join(f"{x:.10g}" for x in camera[4:9])
         (folder / "calib.yaml").write_text(
-            f"# {note}\nwidth: {WIDTH}\nheight: {HEIGHT}\n{fields}distortion_model: radtan   # k1 k2 p1 p2 k3\n"
+            f"# {note}\nwidth: {size[0]}\nheight: {size[1]}\n{fields}distortion_model: radtan   # k1 k2 p1 p2 k3\n"
             f"distortion: [{distortion}]\ndepth_factor: {FACTOR:.0f}\n"
         )
 
@@ -737,18 +737,30 @@ DRAWN = {"fr1-drawn": None, "room-a-drawn": ROOM_A, "room-b-drawn": ROOM_B, "roo
 NAMES = [*FR1, "fast-empty", *ROOMS, *DRAWN]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("data", type=Path, help="folder of the real images")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}; default all")
+def arguments(description: str, names: list[str]) -> argparse.ArgumentParser:
+    """What all programs that make sequences are told."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("data", type=Path, help="folder of the recordings that are used")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(names)}; default all")
     parser.add_argument("--out", type=Path, required=True, help="folder for the sequences")
-    parser.add_argument("--seed", type=int, default=1, help="seed of camera motion, noise and what is drawn")
+    parser.add_argument("--seed", type=int, default=1, help="of everything that is drawn: motion, people, noise")
     parser.add_argument("--sheets", type=Path, help="folder for contact sheets")
+    return parser
+
+
+def parsed(parser: argparse.ArgumentParser, names: list[str]) -> argparse.Namespace:
+    """The arguments; without names all are meant."""
     options = parser.parse_intermixed_args()
-    if unknown := set(options.names) - set(NAMES):
+    if unknown := set(options.names) - set(names):
         parser.error(f"unknown: {', '.join(sorted(unknown))}")
+    options.names = options.names or names
+    return options
+
+
+def main() -> None:
+    options = parsed(arguments(__doc__.split("\n")[0], NAMES), NAMES)
     cv2.setNumThreads(1)
-    for name in options.names or NAMES:
+    for name in options.names:
         rng, folder = np.random.default_rng([options.seed, zlib.crc32(name.encode())]), options.out / name
         if name in FR1:
             writer = compose_fr1(options.data, folder, FR1[name](), rng)

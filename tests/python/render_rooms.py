@@ -438,8 +438,7 @@ def recorded(data: Path, who: str, path: str) -> Path:
 
 
 def write(options: argparse.Namespace, folder: Path, people: Callable, source: Path, rng: np.random.Generator) -> Writer:
-    movers.WIDTH, movers.HEIGHT = width, height = options.size
-    focal = options.focal
+    (width, height), focal = options.size, options.focal
     intrinsics = [focal, focal, width / 2 - 0.5, height / 2 - 0.5] if focal else FREIBURG3
     path = Path3(np.loadtxt(source))
     seconds = options.frames / options.rate
@@ -447,14 +446,15 @@ def write(options: argparse.Namespace, folder: Path, people: Callable, source: P
     view = look_out(path, start, seconds, (width, height), intrinsics)
     scene, furniture = people(rng, seconds)
     room = Caster(Room(photos_of(options.data), rng).solids + furniture)
-    writer = Writer(folder, [*intrinsics, 0, 0, 0, 0, 0], f"rendered room, camera path of {source.stem}")
+    writer = Writer(folder, [*intrinsics, 0, 0, 0, 0, 0], f"rendered room, camera path of {source.stem}", (width, height))
     rows = (np.arange(height) / height - 0.5) * options.readout
     for i in range(options.frames):
         t = i / options.rate
         stamp = start + t
         exposure = 1 + 0.06 * np.sin(0.8 * t + 1) + 0.02 * np.sin(2.9 * t)
-        image = colour_image(view, room, Caster(scene(t)), stamp + rows, exposure, rng)
-        mask = mask_image(view, room, scene(t), stamp + rows)
+        here = Caster(scene(t))
+        image = colour_image(view, room, here, stamp + rows, exposure, rng)
+        mask = mask_image(view, room, here, stamp + rows)
         late = rng.uniform(-DEPTH_OFFSET, DEPTH_OFFSET)
         z, cosine = true_depth(view, room, Caster(scene(t + late)), stamp + late)
         gray = cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (0, 0), 2)
@@ -470,9 +470,9 @@ def write(options: argparse.Namespace, folder: Path, people: Callable, source: P
     return writer
 
 
-def mask_image(view: View, room: Caster, people: list[Solid], rows: np.ndarray) -> np.ndarray:
-    rays, labels = view.rays(rows), np.array([part.label for part in people], np.uint8)
-    behind, before = room.cast(*rays), Caster(people).cast(*rays)
+def mask_image(view: View, room: Caster, people: Caster, rows: np.ndarray) -> np.ndarray:
+    rays, labels = view.rays(rows), np.array([part.label for part in people.solids], np.uint8)
+    behind, before = room.cast(*rays), people.cast(*rays)
     label = labels[np.minimum(before.solid, len(labels) - 1)]
     return np.where(before.distance < behind.distance, label, STATIC).astype(np.uint8).reshape(view.size[::-1])
 
@@ -487,23 +487,16 @@ def true_depth(view: View, room: Caster, people: Caster, stamp: float) -> tuple[
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("data", type=Path, help="folder of the real images and camera paths")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(NAMES)}; default all")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the sequences")
-    parser.add_argument("--seed", type=int, default=1, help="of room, people, path and noise; it becomes part of the name")
+    parser = movers.arguments(__doc__.split("\n")[0], NAMES)
     parser.add_argument("--frames", type=int, default=210)
     parser.add_argument("--rate", type=float, default=30.0, help="frames a second")
     parser.add_argument("--readout", type=float, default=0.0, help="seconds from the first row to the last")
     parser.add_argument("--size", type=lambda text: tuple(map(int, text.split("x"))), default=(640, 480), help="columns x rows")
     parser.add_argument("--focal", type=float, help="focal length, pixels, with the principal point in the middle; default that of freiburg3")
     parser.add_argument("--stereo", action="store_true", help="depth of an active stereo camera")
-    parser.add_argument("--sheets", type=Path, help="folder for contact sheets")
-    options = parser.parse_intermixed_args()
-    if unknown := set(options.names) - set(NAMES):
-        parser.error(f"unknown: {', '.join(sorted(unknown))}")
+    options = movers.parsed(parser, NAMES)
     cv2.setNumThreads(1)
-    for name in options.names or NAMES:
+    for name in options.names:
         rng, (who, path) = np.random.default_rng([options.seed, zlib.crc32(name.encode())]), name.split("-")
         writer = write(options, options.out / f"{name}-{options.seed}", PEOPLE[who], recorded(options.data, who, path), rng)
         print(f"{name}-{options.seed}: {options.frames} frames", flush=True)

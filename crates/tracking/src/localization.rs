@@ -120,9 +120,9 @@ impl Localizer<'_> {
         }
     }
 
-    /// A pose that the motion so far hardly leads to, or that from the reference keyframe, without regard to motion, if more of the map
-    /// supports it: points of a far wall can agree on a pose that trades translation for rotation.
-    pub fn doubt(
+    /// The pose that was `found`, which the motion so far hardly leads to, or that from the reference keyframe, without regard to motion, if
+    /// more of the map supports it: points of a far wall can agree on a pose that trades translation for rotation.
+    pub fn reconsider(
         &self,
         features: &ImageFeatures,
         known: &Expectation<'_>,
@@ -317,9 +317,9 @@ mod tests {
         // The points of the wall alone, by a translation with the opposite rotation.
         let traded = pose::exp(&Vector6::new(-0.12, 0.0, 0.0, 0.0, -0.03, 0.0)) * truth;
         let wrong = Localized { T_camera_world: traded, matches: right.matches[..60].to_vec(), ..right.clone() };
-        let found = localizer.doubt(&features, &known, wrong, &mut rng);
+        let found = localizer.reconsider(&features, &known, wrong, &mut rng);
         assert!(pose::log(&(found.T_camera_world * truth.inverse())).norm() < 1e-3);
-        let jolted = localizer.doubt(&features, &known, right.clone(), &mut rng);
+        let jolted = localizer.reconsider(&features, &known, right.clone(), &mut rng);
         assert_eq!(jolted.T_camera_world, right.T_camera_world, "nothing has more support");
     }
 }

@@ -19,8 +19,7 @@ const ANGULAR_SPEED: f64 = 2.0;
 /// Squared normalised distance (6 degrees of freedom) between prediction and pose beyond which the camera was jolted, or moved as it
 /// seldom does: the prediction then counts in proportion less.
 const JOLT: f64 = 30.0;
-/// The same from which a pose is worth a second look: the 98 % quantile. It is passed in one frame of two hundred, as covariances are
-/// generous.
+/// The same from which a pose is worth a second look: the 98 % quantile. As covariances are generous, one frame of a thousand is beyond it.
 const UNLIKELY: f64 = 15.0;
 
 /// A pose and the covariance of a perturbation in the camera frame (tx ty tz rx ry rz, metres and radians).
@@ -76,7 +75,8 @@ impl MotionFilter {
     pub(crate) fn update(&mut self, last: &Pose, dt: f64, found: &UncertainPose) -> UncertainPose {
         let predicted = self.predict(last, dt);
         let innovation = pose::log(&(found.T_camera_world * predicted.inverse()));
-        let prior = self.covariance_after(dt) * (self.departure(last, dt, found) / JOLT).max(1.0);
+        let mut prior = self.covariance_after(dt);
+        prior *= (squared_distance(&innovation, &prior, found) / JOLT).max(1.0);
         let Some(weight) = (prior.fixed_view::<6, 6>(0, 0) + found.covariance).cholesky() else {
             *self = Self::start(&found.covariance);
             return *found;
@@ -93,17 +93,10 @@ impl MotionFilter {
         }
     }
 
-    /// Whether the camera moves like that too seldom to believe it without looking again.
+    /// Whether the motion so far hardly leads to the pose that was found `dt` seconds after the camera was at `last`.
     pub(crate) fn is_unlikely(&self, last: &Pose, dt: f64, found: &UncertainPose) -> bool {
-        self.departure(last, dt, found) > UNLIKELY
-    }
-
-    /// Squared normalised distance between the prediction and the pose that was found `dt` seconds after the camera was at `last`; zero
-    /// where the covariances leave everything open.
-    fn departure(&self, last: &Pose, dt: f64, found: &UncertainPose) -> f64 {
         let innovation = pose::log(&(found.T_camera_world * self.predict(last, dt).inverse()));
-        let weight = self.covariance_after(dt).fixed_view::<6, 6>(0, 0) + found.covariance;
-        weight.cholesky().map_or(0.0, |weight| innovation.dot(&weight.solve(&innovation)))
+        squared_distance(&innovation, &self.covariance_after(dt), found) > UNLIKELY
     }
 
     /// Velocity of the camera in its own frame, and its covariance. The filter holds the twist that moves `T_camera_world`, from the
@@ -118,6 +111,12 @@ impl MotionFilter {
         ahead.fixed_view_mut::<6, 6>(0, 6).fill_diagonal(dt);
         ahead * self.covariance * ahead.transpose() + of_random_acceleration(dt)
     }
+}
+
+/// Squared normalised distance of a found pose from a prediction of covariance `prior`; zero where the covariances leave everything open.
+fn squared_distance(innovation: &Vector6<f64>, prior: &Matrix12, found: &UncertainPose) -> f64 {
+    let weight = (prior.fixed_view::<6, 6>(0, 0) + found.covariance).cholesky();
+    weight.map_or(0.0, |weight| innovation.dot(&weight.solve(innovation)))
 }
 
 fn variances(linear: f64, angular: f64) -> Matrix6<f64> {

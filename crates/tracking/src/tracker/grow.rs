@@ -36,7 +36,8 @@ impl Tracker {
             (&localized.sought, &localized.matches),
         );
         let found = localized.matches.len();
-        if let Some(active) = &mut self.active {
+        // A pose by descriptors alone says nothing of what else is in view.
+        if let Some(active) = self.active.as_mut().filter(|_| !localized.sought.is_empty()) {
             active.clarity.observe(candidate.frame.stamp(), (found, found + missed));
         }
     }

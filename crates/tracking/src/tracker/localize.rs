@@ -115,7 +115,7 @@ impl Tracker {
         if !active.motion.is_unlikely(stamp, &pose) {
             return Some(found);
         }
-        Some(localizer.doubt(features, &expectation, found, &mut self.rng.clone()))
+        Some(localizer.reconsider(features, &expectation, found, &mut self.rng.clone()))
     }
 
     fn relocalize(&mut self, features: &ImageFeatures) -> Option<Localized> {
