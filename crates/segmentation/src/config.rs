@@ -200,6 +200,8 @@ pub struct PfdConfig {
     pub moving_corners: bool,
     /// Place the outlines of what moves on edges of the grey image: depth is ragged there.
     pub refined_outlines: bool,
+    /// Then give what lies along them to the side that has its colours.
+    pub colour_outlines: bool,
     /// Carry regions through time.
     pub temporal: bool,
     /// Ignore changes of brightness that leave the local texture as it is.
@@ -244,6 +246,7 @@ impl Default for PfdConfig {
             rigid_planes: true,
             moving_corners: true,
             refined_outlines: true,
+            colour_outlines: true,
             temporal: true,
             shadow_rejection: true,
             particle_support: true,

@@ -1,5 +1,6 @@
 //! Motion segmentation by rigid ego-motion: the engine of mode `pfd`.
 
+mod colours;
 mod continuity;
 mod corners;
 mod credibility;
@@ -19,6 +20,7 @@ mod reference;
 mod regions;
 mod rematch;
 mod report;
+mod rim;
 mod segmenter;
 mod static_model;
 mod surfaces;

@@ -4,6 +4,7 @@
 //! distance transforms for gray-scale images", Pattern Recognition Letters 1996).
 
 use super::regions::BACKGROUND;
+use super::rim::Rim;
 use super::view::{Pinhole, ViewFrame};
 
 /// Length that a difference of one grey level adds to a step of one pixel: a contrast of 30 levels is worth a path of 15 pixels.
@@ -30,9 +31,7 @@ const CLEARLY_DYNAMIC: f32 = 1.0;
 /// sixty grey levels.
 const AS_FOUND: f32 = 30.0;
 
-/// Pixels are decided anew up to this far from another label, working pixels; a pixel beside it is at 1.
-const RIM: usize = 3;
-/// Distance at which such a pixel stands from the label that depth gave it: that of a step of eighty grey levels.
+/// Distance at which a pixel on the rim of a label stands from the label that depth gave it: that of a step of eighty grey levels.
 const BY_DEPTH: f32 = 40.0;
 
 /// What else is known of each pixel and object.
@@ -51,12 +50,7 @@ pub(crate) struct Findings<'a> {
 pub(crate) struct Undecided {
     distances: Vec<f32>,
     labels: Vec<u16>,
-    /// Whether a pixel lies on the rim of a label.
-    rim: Vec<bool>,
-    /// Whether it lies beside another label, …
-    beside: Vec<bool>,
-    /// … or near such a pixel of its row.
-    spread: Vec<bool>,
+    rim: Rim,
     /// Column and row of the pixels to decide.
     pixels: Vec<[u16; 2]>,
 }
@@ -78,12 +72,12 @@ impl Undecided {
         self.labels.clear();
         self.labels.extend_from_slice(labels);
         let near = near_objects(depth, labels);
-        self.rim.clear();
-        self.rim.resize(labels.len(), false);
         if outlines {
-            self.find_rim(width, labels);
+            self.rim.find(width, labels);
+        } else {
+            self.rim.clear(labels.len());
         }
-        let rim = &self.rim;
+        let rim = self.rim.marks();
         let start = |i: usize| match depth[i] {
             z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
             _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
@@ -105,23 +99,6 @@ impl Undecided {
         }
         &self.labels
     }
-
-    /// Marks the pixels around each change of label.
-    fn find_rim(&mut self, width: usize, labels: &[u16]) {
-        let beside = &mut self.beside;
-        beside.clear();
-        beside.resize(labels.len(), false);
-        for (beside, labels) in beside.chunks_exact_mut(width).zip(labels.chunks_exact(width)) {
-            mark_steps(labels, 1, beside);
-        }
-        mark_steps(labels, width, beside);
-        self.spread.clone_from(beside);
-        for (spread, beside) in self.spread.chunks_exact_mut(width).zip(beside.chunks_exact(width)) {
-            (1..RIM).for_each(|distance| spread_by(beside, distance, spread));
-        }
-        self.rim.clone_from(&self.spread);
-        (1..RIM).for_each(|rows| spread_by(&self.spread, rows * width, &mut self.rim));
-    }
 }
 
 /// Whether a pixel without depth is the background's, by its log-odds of motion and by how it looks beside the static model.
@@ -131,19 +108,6 @@ fn is_static(odds: f32, changed: Option<bool>) -> bool {
         Some(false) => odds < LIKELY_STATIC,
         None => odds < CLEARLY_STATIC,
     }
-}
-
-/// Marks both of each two pixels `step` apart that have different labels.
-fn mark_steps(labels: &[u16], step: usize, marks: &mut [bool]) {
-    let differs = || labels.iter().zip(labels.iter().skip(step)).map(|(a, b)| a != b);
-    marks.iter_mut().zip(differs()).for_each(|(mark, differs)| *mark |= differs);
-    marks.iter_mut().skip(step).zip(differs()).for_each(|(mark, differs)| *mark |= differs);
-}
-
-/// Marks what lies `distance` pixels after or before a mark.
-fn spread_by(marks: &[bool], distance: usize, out: &mut [bool]) {
-    out.iter_mut().skip(distance).zip(marks).for_each(|(o, m)| *o |= m);
-    out.iter_mut().zip(marks.iter().skip(distance)).for_each(|(o, m)| *o |= m);
 }
 
 /// The shortest ways found so far.

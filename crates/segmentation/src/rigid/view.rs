@@ -4,7 +4,7 @@
 //! dozen times per frame.
 
 use nalgebra::{Point2, Point3};
-use pfd_geometry::{Camera, GrayImage, Image, Mask, Pose, RgbdFrame};
+use pfd_geometry::{Camera, GrayImage, Image, Mask, Pose, RgbImage, RgbdFrame};
 
 /// Columns the working view aims at; 640 columns become 320.
 const TARGET_WIDTH: f64 = 320.0;
@@ -179,6 +179,12 @@ impl View {
     /// Raises a mask in the working view to the resolution of the camera, which is that of `out`.
     pub(crate) fn enlarge(&self, small: &[u8], out: &mut Mask) {
         out.assign(self.target.iter().map(|&i| small.get(i as usize).is_some_and(|&m| m != Mask::STATIC)));
+    }
+
+    /// Colour of working pixel `index`: the mean of the four camera pixels around its middle, red, green, blue.
+    pub(crate) fn colour(&self, rgb: &RgbImage, index: usize) -> [u8; 3] {
+        let around = self.corners[index].indices().map(|i| rgb.pixels()[i].map(u16::from));
+        [0, 1, 2].map(|channel| (around.iter().map(|c| c[channel]).sum::<u16>() / 4) as u8)
     }
 
     /// Camera pixel under working pixel `index`.

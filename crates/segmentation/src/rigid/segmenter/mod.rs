@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use pfd_geometry::{Camera, DepthNoise, RgbdFrame, StageTimes};
 use pfd_vision::VisionError;
 
+use super::colours::Colours;
 use super::diffusion::{Conductance, EdgeScales};
 use super::evidence::{Field, steepest_gradient};
 use super::exposure::Exposure;
@@ -65,6 +66,7 @@ pub(crate) struct RigidSegmenter {
     surfaces: Surfaces,
     territories: Territories,
     undecided: Undecided,
+    colours: Colours,
     /// Follows the evidence (paper, section 3.2), in pixels of the camera image.
     filter: ParticleFilter,
     /// Looks for new objects: the same without the evidence on those that are known (algorithm 2, step 9), which would otherwise
@@ -142,6 +144,7 @@ impl RigidSegmenter {
             surfaces: Surfaces::default(),
             territories: Territories::default(),
             undecided: Undecided::default(),
+            colours: Colours::default(),
             filter: ParticleFilter::new((camera.width, camera.height), config.particles, seed),
             search: ParticleFilter::new((camera.width, camera.height), config.particles, seed ^ SEARCH_STREAM),
             particles: config.particles,
@@ -195,7 +198,7 @@ impl RigidSegmenter {
         timing.measure("evidence", || self.gather(&estimate, dt, time));
         timing.measure("diffusion", || self.diffuse());
         timing.measure("particles", || self.follow(dt));
-        timing.measure("regions", || self.extract(&estimate, time));
+        timing.measure("regions", || self.extract(&estimate, frame.rgb(), time));
         let flooded = self.flooded();
         if flooded.is_none() {
             timing.measure("model", || self.update_model());

@@ -1,5 +1,6 @@
 //! From the odds of motion to objects and their mask.
 
+use pfd_geometry::RgbImage;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
@@ -71,7 +72,7 @@ impl RigidSegmenter {
     }
 
     /// Forms regions and continues objects.
-    pub(super) fn extract(&mut self, estimate: &MotionEstimate, time: f64) {
+    pub(super) fn extract(&mut self, estimate: &MotionEstimate, rgb: &RgbImage, time: f64) {
         let camera = self.view.camera;
         let b = &mut self.buffers;
         let min_pixels = self.config.min_area * camera.pixels() as f64;
@@ -92,6 +93,7 @@ impl RigidSegmenter {
         }
         self.complete();
         self.assign_undecided();
+        self.assign_by_colour(rgb);
         self.release(time);
         self.draw_mask();
     }
@@ -122,6 +124,15 @@ impl RigidSegmenter {
         let found = Findings { odds: &self.objects.odds, changed: &self.field.changed, unmeasured: &unmeasured };
         let outlines = self.config.refined_outlines;
         let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found, outlines);
+        self.objects.relabel(labels);
+    }
+
+    /// Lets colours decide along outlines.
+    fn assign_by_colour(&mut self, rgb: &RgbImage) {
+        if !self.config.colour_outlines || self.objects.list.is_empty() {
+            return;
+        }
+        let labels = self.colours.assign(&self.view, rgb, self.current.gray.pixels(), &self.objects.labels);
         self.objects.relabel(labels);
     }
 

@@ -1,0 +1,248 @@
+//! Outlines by colour: pixels along them go to what has their colours, the movers or what lies around these. Both are histograms of the
+//! pixels that are not in question, and neighbours that look alike go together, as in Boykov and Jolly ("Interactive graph cuts", ICCV
+//! 2001); the cut is relaxed to a mean field, as which label a few pixels get is no matter of optimality.
+//!
+//! Depth alone is ragged there, and grey levels alone place an outline wherever an edge is, be it that of a stripe on a shirt.
+
+use pfd_geometry::RgbImage;
+
+use super::regions::BACKGROUND;
+use super::rim::Rim;
+use super::view::View;
+
+/// Bins of luma, and of each of the two differences of chroma.
+const BINS: usize = 16;
+/// Chroma beyond this is as good as this: surfaces in rooms seldom have more.
+const MAX_CHROMA: i32 = 32;
+/// Share of a bin that goes to each neighbour: colours of a surface differ by shading and noise.
+const LEAKAGE: f32 = 0.2;
+/// Share of pixels of which the colour says nothing: reflections, blends of both sides.
+const UNRELIABLE: f32 = 0.01;
+/// Log-odds that colour counts for at most.
+const MAX_COLOUR: f32 = 2.0;
+/// Log-odds by which a pixel stays what it was found to be.
+const AS_FOUND: f32 = 0.5;
+/// Log-odds by which neighbours of the same grey level go together, …
+const ALIKE: f32 = 0.8;
+/// … and the difference of grey levels at which it is a third of that.
+const CONTRAST: f32 = 16.0;
+/// Movers are compared with what lies up to this far from them, working pixels: a tenth of the width.
+const SURROUNDINGS: usize = 30;
+/// Fewer pixels than this have no histogram.
+const MIN_SAMPLE: u32 = 30;
+/// Turns of the relaxation, each there and back; after two hardly any label changes.
+const TURNS: usize = 3;
+
+/// Decides along outlines.
+#[derive(Debug, Default)]
+pub(crate) struct Colours {
+    rim: Rim,
+    /// Bin of each pixel near movers.
+    bins: Vec<u16>,
+    movers: Histogram,
+    surroundings: Histogram,
+    /// Pixels to decide.
+    open: Vec<Open>,
+    /// How surely a pixel is a mover's: −1 to 1.
+    beliefs: Vec<f32>,
+    labels: Vec<u16>,
+}
+
+/// A pixel to decide.
+#[derive(Clone, Copy, Debug)]
+struct Open {
+    index: u32,
+    /// Log-odds of being a mover's, neighbours aside.
+    bias: f32,
+    /// For each of up to four neighbours by how much it is like them: left, right, above, below.
+    ties: [f32; 4],
+}
+
+impl Colours {
+    /// Labels for all pixels: as given, but along outlines by the colours of `rgb`, an image of the camera's size; `gray` is its luma in the
+    /// working view.
+    pub(crate) fn assign(&mut self, view: &View, rgb: &RgbImage, gray: &[u8], labels: &[u16]) -> &[u16] {
+        self.labels.clear();
+        self.labels.extend_from_slice(labels);
+        let (width, height) = (view.camera.width, view.camera.height);
+        let Some(window) = Window::around(width, height, labels) else { return &self.labels };
+        self.rim.find(width, labels);
+        self.sample(view, rgb, labels, &window);
+        if self.movers.count < MIN_SAMPLE || self.surroundings.count < MIN_SAMPLE {
+            return &self.labels;
+        }
+        self.collect(gray, labels, &window);
+        self.relax(width);
+        self.settle(width);
+        &self.labels
+    }
+
+    /// Counts the colours of the pixels that are not in question.
+    fn sample(&mut self, view: &View, rgb: &RgbImage, labels: &[u16], window: &Window) {
+        self.bins.resize(labels.len(), 0);
+        self.movers.clear();
+        self.surroundings.clear();
+        for i in window.pixels() {
+            let bin = bin(view.colour(rgb, i));
+            self.bins[i] = bin;
+            if !self.rim.marks()[i] {
+                let histogram = if labels[i] == BACKGROUND { &mut self.surroundings } else { &mut self.movers };
+                histogram.add(bin);
+            }
+        }
+    }
+
+    /// Lists the pixels to decide.
+    fn collect(&mut self, gray: &[u8], labels: &[u16], window: &Window) {
+        self.movers.smooth();
+        self.surroundings.smooth();
+        self.beliefs.clear();
+        self.beliefs.extend(labels.iter().map(|&l| if l == BACKGROUND { -1.0 } else { 1.0 }));
+        self.open.clear();
+        for i in window.pixels().filter(|&i| self.rim.marks()[i]) {
+            let bin = self.bins[i];
+            let colour = (self.movers.share(bin) / self.surroundings.share(bin)).ln();
+            let bias = colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i];
+            let tie = |j: Option<usize>| j.map_or(0.0, |j| likeness(gray[i], gray[j]));
+            let ties = neighbours(i, (window.width, window.height)).map(tie);
+            self.open.push(Open { index: i as u32, bias, ties });
+        }
+    }
+
+    /// Brings each belief in line with the colour and with the neighbours.
+    fn relax(&mut self, width: usize) {
+        let beliefs = &mut self.beliefs;
+        let mut update = |open: &Open| {
+            let i = open.index as usize;
+            // Where there is no neighbour, the tie to whatever stands in its place is 0.
+            let around = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width];
+            let pull = |(j, tie): (usize, f32)| tie * beliefs.get(j).copied().unwrap_or(0.0);
+            let odds = open.bias + around.into_iter().zip(open.ties).map(pull).sum::<f32>();
+            beliefs[i] = (0.5 * odds).tanh();
+        };
+        for _ in 0..TURNS {
+            self.open.iter().for_each(&mut update);
+            self.open.iter().rev().for_each(&mut update);
+        }
+    }
+
+    /// Gives pixels that became a mover's the label beside them, and the others that of the background.
+    fn settle(&mut self, width: usize) {
+        let (beliefs, labels) = (&self.beliefs, &mut self.labels);
+        let mut update = |open: &Open| {
+            let i = open.index as usize;
+            if beliefs[i] <= 0.0 {
+                labels[i] = BACKGROUND;
+            } else if labels[i] == BACKGROUND {
+                let around = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width];
+                let tied = around.into_iter().zip(open.ties).filter(|(_, tie)| *tie > 0.0);
+                let label = tied.map(|(j, _)| labels[j]).find(|&label| label != BACKGROUND);
+                labels[i] = label.unwrap_or(BACKGROUND);
+            }
+        };
+        self.open.iter().for_each(&mut update);
+        self.open.iter().rev().for_each(&mut update);
+    }
+}
+
+/// A part of the working view.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    columns: [usize; 2],
+    rows: [usize; 2],
+    width: usize,
+    height: usize,
+}
+
+impl Window {
+    /// What surrounds all movers; `None` where there are none.
+    fn around(width: usize, height: usize, labels: &[u16]) -> Option<Self> {
+        let is_mover = |l: &u16| *l != BACKGROUND;
+        let first = labels.iter().position(is_mover)? / width;
+        let last = labels.iter().rposition(is_mover)? / width;
+        let of_row = |row: &[u16]| Some([row.iter().position(is_mover)?, row.iter().rposition(is_mover)?]);
+        let [left, right] = labels
+            .chunks_exact(width)
+            .filter_map(of_row)
+            .reduce(|[left, right], [first, last]| [left.min(first), right.max(last)])?;
+        let grown = |low: usize, high: usize, size: usize| {
+            [low.saturating_sub(SURROUNDINGS), (high + SURROUNDINGS + 1).min(size)]
+        };
+        Some(Self { columns: grown(left, right, width), rows: grown(first, last, height), width, height })
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = usize> + use<> {
+        let ([left, right], [top, bottom], width) = (self.columns, self.rows, self.width);
+        (top..bottom).flat_map(move |v| (left..right).map(move |u| v * width + u))
+    }
+}
+
+/// How often colours occur.
+#[derive(Clone, Debug, Default)]
+struct Histogram {
+    counts: Vec<f32>,
+    spare: Vec<f32>,
+    count: u32,
+}
+
+impl Histogram {
+    fn clear(&mut self) {
+        self.counts.clear();
+        self.counts.resize(BINS * BINS * BINS, 0.0);
+        self.count = 0;
+    }
+
+    fn add(&mut self, bin: u16) {
+        self.counts[bin as usize] += 1.0;
+        self.count += 1;
+    }
+
+    /// Lets each bin leak into its neighbours along each of the three axes.
+    fn smooth(&mut self) {
+        for step in [1, BINS, BINS * BINS] {
+            self.spare.clear();
+            self.spare.extend(self.counts.iter().map(|c| (1.0 - 2.0 * LEAKAGE) * c));
+            for (bin, &count) in self.counts.iter().enumerate() {
+                let place = bin / step % BINS;
+                // At the ends what would leave stays.
+                self.spare[if place > 0 { bin - step } else { bin }] += LEAKAGE * count;
+                self.spare[if place + 1 < BINS { bin + step } else { bin }] += LEAKAGE * count;
+            }
+            std::mem::swap(&mut self.counts, &mut self.spare);
+        }
+    }
+
+    /// Share of a bin, above 0.
+    fn share(&self, bin: u16) -> f32 {
+        let even = 1.0 / self.counts.len() as f32;
+        (1.0 - UNRELIABLE) * self.counts[bin as usize] / self.count as f32 + UNRELIABLE * even
+    }
+}
+
+/// Bin of a colour: luma, then the differences of blue and red from it (ITU-R BT.601, in fixed point).
+fn bin([r, g, b]: [u8; 3]) -> u16 {
+    let [r, g, b] = [r, g, b].map(i32::from);
+    let luma = (77 * r + 150 * g + 29 * b) >> 8;
+    let blue = (-43 * r - 85 * g + 128 * b) >> 8;
+    let red = (128 * r - 107 * g - 21 * b) >> 8;
+    let bins = BINS as i32;
+    let of_chroma = |c: i32| ((c + MAX_CHROMA) * bins / (2 * MAX_CHROMA)).clamp(0, bins - 1);
+    ((luma * bins / 256 * bins + of_chroma(blue)) * bins + of_chroma(red)) as u16
+}
+
+/// By how much two neighbours with these grey levels go together.
+fn likeness(a: u8, b: u8) -> f32 {
+    let difference = f32::from(a.abs_diff(b)) / CONTRAST;
+    ALIKE * (-difference * difference).exp()
+}
+
+/// The neighbours of a pixel: left, right, above, below.
+fn neighbours(i: usize, (width, height): (usize, usize)) -> [Option<usize>; 4] {
+    let (u, v) = (i % width, i / width);
+    [
+        (u > 0).then(|| i - 1),
+        (u + 1 < width).then(|| i + 1),
+        (v > 0).then(|| i - width),
+        (v + 1 < height).then(|| i + width),
+    ]
+}
