@@ -198,10 +198,8 @@ pub struct PfdConfig {
     pub rigid_planes: bool,
     /// Corners that move together speak for the surface around them.
     pub moving_corners: bool,
-    /// Place the outlines of what moves on edges of the grey image: depth is ragged there.
+    /// Give what lies along the outlines of what moves to the side that has its colours: depth is ragged there.
     pub refined_outlines: bool,
-    /// Then give what lies along them to the side that has its colours.
-    pub colour_outlines: bool,
     /// Carry regions through time.
     pub temporal: bool,
     /// Ignore changes of brightness that leave the local texture as it is.
@@ -246,7 +244,6 @@ impl Default for PfdConfig {
             rigid_planes: true,
             moving_corners: true,
             refined_outlines: true,
-            colour_outlines: true,
             temporal: true,
             shadow_rejection: true,
             particle_support: true,

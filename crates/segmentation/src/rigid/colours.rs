@@ -26,10 +26,14 @@ const AS_FOUND: f32 = 0.5;
 const ALIKE: f32 = 0.8;
 /// … and the difference of grey levels at which it is a third of that.
 const CONTRAST: f32 = 16.0;
+/// Log-odds that are certainty: between these a belief is linear in them, as the logistic function nearly is.
+const CERTAIN: f32 = 2.0;
 /// Movers are compared with what lies up to this far from them, working pixels: a tenth of the width.
 const SURROUNDINGS: usize = 30;
+/// Every how many pixels of a row, and rows, colours are counted.
+const STRIDE: usize = 2;
 /// Fewer pixels than this have no histogram.
-const MIN_SAMPLE: u32 = 30;
+const MIN_SAMPLE: u32 = 10;
 /// Turns of the relaxation, each there and back; after two hardly any label changes.
 const TURNS: usize = 3;
 
@@ -37,8 +41,6 @@ const TURNS: usize = 3;
 #[derive(Debug, Default)]
 pub(crate) struct Colours {
     rim: Rim,
-    /// Bin of each pixel near movers.
-    bins: Vec<u16>,
     movers: Histogram,
     surroundings: Histogram,
     /// Pixels to decide.
@@ -71,7 +73,7 @@ impl Colours {
         if self.movers.count < MIN_SAMPLE || self.surroundings.count < MIN_SAMPLE {
             return &self.labels;
         }
-        self.collect(gray, labels, &window);
+        self.collect(view, rgb, gray, &window);
         self.relax(width);
         self.settle(width);
         &self.labels
@@ -79,28 +81,24 @@ impl Colours {
 
     /// Counts the colours of the pixels that are not in question.
     fn sample(&mut self, view: &View, rgb: &RgbImage, labels: &[u16], window: &Window) {
-        self.bins.resize(labels.len(), 0);
         self.movers.clear();
         self.surroundings.clear();
-        for i in window.pixels() {
-            let bin = bin(view.colour(rgb, i));
-            self.bins[i] = bin;
-            if !self.rim.marks()[i] {
-                let histogram = if labels[i] == BACKGROUND { &mut self.surroundings } else { &mut self.movers };
-                histogram.add(bin);
-            }
+        let rim = self.rim.marks();
+        for i in window.pixels(STRIDE).filter(|&i| !rim[i]) {
+            let histogram = if labels[i] == BACKGROUND { &mut self.surroundings } else { &mut self.movers };
+            histogram.add(bin(view.colour(rgb, i)));
         }
+        self.movers.smooth();
+        self.surroundings.smooth();
     }
 
     /// Lists the pixels to decide.
-    fn collect(&mut self, gray: &[u8], labels: &[u16], window: &Window) {
-        self.movers.smooth();
-        self.surroundings.smooth();
+    fn collect(&mut self, view: &View, rgb: &RgbImage, gray: &[u8], window: &Window) {
         self.beliefs.clear();
-        self.beliefs.extend(labels.iter().map(|&l| if l == BACKGROUND { -1.0 } else { 1.0 }));
+        self.beliefs.extend(self.labels.iter().map(|&l| if l == BACKGROUND { -1.0 } else { 1.0 }));
         self.open.clear();
-        for i in window.pixels().filter(|&i| self.rim.marks()[i]) {
-            let bin = self.bins[i];
+        for i in window.pixels(1).filter(|&i| self.rim.marks()[i]) {
+            let bin = bin(view.colour(rgb, i));
             let colour = (self.movers.share(bin) / self.surroundings.share(bin)).ln();
             let bias = colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i];
             let tie = |j: Option<usize>| j.map_or(0.0, |j| likeness(gray[i], gray[j]));
@@ -118,7 +116,7 @@ impl Colours {
             let around = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width];
             let pull = |(j, tie): (usize, f32)| tie * beliefs.get(j).copied().unwrap_or(0.0);
             let odds = open.bias + around.into_iter().zip(open.ties).map(pull).sum::<f32>();
-            beliefs[i] = (0.5 * odds).tanh();
+            beliefs[i] = (odds / CERTAIN).clamp(-1.0, 1.0);
         };
         for _ in 0..TURNS {
             self.open.iter().for_each(&mut update);
@@ -171,9 +169,10 @@ impl Window {
         Some(Self { columns: grown(left, right, width), rows: grown(first, last, height), width, height })
     }
 
-    fn pixels(&self) -> impl Iterator<Item = usize> + use<> {
+    /// Every `step`-th of every `step`-th row.
+    fn pixels(&self, step: usize) -> impl Iterator<Item = usize> + use<> {
         let ([left, right], [top, bottom], width) = (self.columns, self.rows, self.width);
-        (top..bottom).flat_map(move |v| (left..right).map(move |u| v * width + u))
+        (top..bottom).step_by(step).flat_map(move |v| (left..right).step_by(step).map(move |u| v * width + u))
     }
 }
 
@@ -245,4 +244,122 @@ fn neighbours(i: usize, (width, height): (usize, usize)) -> [Option<usize>; 4] {
         (v > 0).then(|| i - width),
         (v + 1 < height).then(|| i + width),
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use pfd_geometry::{Camera, Distortion, Image};
+
+    const WIDTH: usize = 64;
+    const HEIGHT: usize = 48;
+    /// Columns from here on belong to a mover.
+    const EDGE: usize = 32;
+    const RED: [u8; 3] = [180, 60, 60];
+    const GREEN: [u8; 3] = [60, 140, 60];
+
+    fn view() -> View {
+        let (width, height) = (WIDTH, HEIGHT);
+        let (cx, cy) = (31.5, 23.5);
+        View::new(&Camera { width, height, fx: 60.0, fy: 60.0, cx, cy, distortion: Distortion::default() })
+    }
+
+    fn labels(is_mover: impl Fn(usize, usize) -> bool) -> Vec<u16> {
+        (0..WIDTH * HEIGHT).map(|i| u16::from(is_mover(i % WIDTH, i / WIDTH))).collect()
+    }
+
+    /// What becomes of labels in an image of one colour where `is_mover` holds and of another one elsewhere.
+    fn assigned(is_mover: impl Fn(usize, usize) -> bool, [mover, room]: [[u8; 3]; 2], given: &[u16]) -> Vec<u16> {
+        let mut rgb = Image::filled(WIDTH, HEIGHT, room);
+        for i in (0..WIDTH * HEIGHT).filter(|i| is_mover(i % WIDTH, i / WIDTH)) {
+            rgb.pixels_mut()[i] = mover;
+        }
+        Colours::default().assign(&view(), &rgb, rgb.to_gray().pixels(), given).to_vec()
+    }
+
+    /// Column of the last pixel before the mover in each row.
+    fn edges(labels: &[u16]) -> Vec<usize> {
+        labels.chunks_exact(WIDTH).map(|row| row.iter().take_while(|l| **l == BACKGROUND).count()).collect()
+    }
+
+    #[test]
+    fn an_outline_moves_to_where_colours_change() {
+        let is_mover = |u: usize, _| u >= EDGE;
+        for off in [EDGE - 2, EDGE, EDGE + 2] {
+            let found = assigned(is_mover, [RED, GREEN], &labels(|u, _| u >= off));
+            assert_eq!(edges(&found), [EDGE; HEIGHT], "given at {off}");
+        }
+    }
+
+    #[test]
+    fn what_is_far_from_an_outline_stays_whatever_its_colour() {
+        // A green patch in the middle of the mover, and a red one away from it.
+        let is_red = |u: usize, v: usize| {
+            let patch = |left: usize| (left..left + 4).contains(&u) && (20..24).contains(&v);
+            (u >= EDGE && !patch(50)) || patch(10)
+        };
+        let given = labels(|u, _| u >= EDGE);
+        assert!(assigned(is_red, [RED, GREEN], &given) == given);
+    }
+
+    #[test]
+    fn labels_stay_where_both_sides_have_the_same_colour() {
+        let given = labels(|u, _| u >= EDGE);
+        assert!(assigned(|_, _| true, [RED, RED], &given) == given);
+    }
+
+    #[test]
+    fn a_pixel_that_joins_a_mover_gets_the_label_beside_it() {
+        let is_mover = |u: usize, v: usize| u >= EDGE && !(20..26).contains(&v);
+        let of = |v: usize| if v < 23 { 1 } else { 2 };
+        let late = |u: usize, v: usize| u >= EDGE + 2 && is_mover(u, v);
+        let given: Vec<u16> =
+            labels(late).iter().enumerate().map(|(i, &l)| if l == BACKGROUND { l } else { of(i / WIDTH) }).collect();
+        let found = assigned(is_mover, [RED, GREEN], &given);
+        let expected = |i: usize| if is_mover(i % WIDTH, i / WIDTH) { of(i / WIDTH) } else { BACKGROUND };
+        let wrong = (0..found.len()).filter(|&i| found[i] != expected(i)).count();
+        assert_eq!(wrong, 0);
+    }
+
+    #[test]
+    fn nothing_is_decided_without_a_sample_of_both_sides() {
+        let all = labels(|_, _| true);
+        assert!(assigned(|u, _| u >= EDGE, [RED, GREEN], &all) == all, "no surroundings");
+        let none = labels(|_, _| false);
+        assert!(assigned(|u, _| u >= EDGE, [RED, GREEN], &none) == none, "no movers");
+        let thin = labels(|u, _| u == EDGE);
+        assert!(assigned(|u, _| u >= EDGE, [RED, GREEN], &thin) == thin, "no pixel of it is out of question");
+    }
+
+    #[test]
+    fn a_histogram_keeps_its_sum_and_leaks_to_neighbours_alone() {
+        let mut histogram = Histogram::default();
+        histogram.clear();
+        let (middle, corner) = (bin([128, 128, 128]), bin([0, 0, 0]));
+        (0..8).for_each(|_| histogram.add(middle));
+        (0..2).for_each(|_| histogram.add(corner));
+        histogram.smooth();
+        assert!((histogram.counts.iter().sum::<f32>() - 10.0).abs() < 1e-4);
+        let kept = (1.0 - 2.0 * LEAKAGE).powi(3);
+        assert!((histogram.counts[middle as usize] - 8.0 * kept).abs() < 1e-4);
+        let beside = histogram.counts[middle as usize + 1];
+        assert!((beside - 8.0 * LEAKAGE * (1.0 - 2.0 * LEAKAGE).powi(2)).abs() < 1e-4);
+        assert_eq!(histogram.counts[middle as usize + 2], 0.0);
+        assert!((0..4096).all(|b| histogram.share(b) > 0.0));
+    }
+
+    #[test]
+    fn every_colour_has_a_bin() {
+        let levels = [0, 1, 127, 128, 254, 255];
+        for r in levels {
+            for g in levels {
+                for b in levels {
+                    assert!((bin([r, g, b]) as usize) < BINS * BINS * BINS);
+                }
+            }
+        }
+        assert_ne!(bin(RED), bin(GREEN));
+        assert_ne!(bin([100; 3]), bin([140; 3]), "luma counts");
+    }
 }

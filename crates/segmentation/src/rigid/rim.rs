@@ -19,12 +19,6 @@ impl Rim {
         &self.marks
     }
 
-    /// As many pixels, none of them on a rim.
-    pub(crate) fn clear(&mut self, pixels: usize) {
-        self.marks.clear();
-        self.marks.resize(pixels, false);
-    }
-
     /// Marks the pixels around each change of label in an image of `width` columns.
     pub(crate) fn find(&mut self, width: usize, labels: &[u16]) {
         let beside = &mut self.beside;
@@ -75,7 +69,5 @@ mod tests {
         };
         let wrong: Vec<usize> = (0..144).filter(|&i| rim.marks()[i] != expected(i)).collect();
         assert!(wrong.is_empty(), "{wrong:?}");
-        rim.clear(2);
-        assert_eq!(rim.marks(), [false; 2]);
     }
 }

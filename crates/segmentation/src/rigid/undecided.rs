@@ -1,10 +1,8 @@
-//! Pixels of which depth does not tell whose they are: those without depth (too near, in the projector's shadow, on dark or shiny
-//! surfaces), and those along outlines, where depth is ragged and displaced against colour. Each goes to whatever its grey levels
+//! Pixels without depth (too near, in the projector's shadow, on dark or shiny surfaces). Each goes to whatever its grey levels
 //! connect it with, the label of the decided pixel at the shortest geodesic distance, found by raster scans (Toivanen, "New geodesic
 //! distance transforms for gray-scale images", Pattern Recognition Letters 1996).
 
 use super::regions::BACKGROUND;
-use super::rim::Rim;
 use super::view::{Pinhole, ViewFrame};
 
 /// Length that a difference of one grey level adds to a step of one pixel: a contrast of 30 levels is worth a path of 15 pixels.
@@ -31,9 +29,6 @@ const CLEARLY_DYNAMIC: f32 = 1.0;
 /// sixty grey levels.
 const AS_FOUND: f32 = 30.0;
 
-/// Distance at which a pixel on the rim of a label stands from the label that depth gave it: that of a step of eighty grey levels.
-const BY_DEPTH: f32 = 40.0;
-
 /// What else is known of each pixel and object.
 #[derive(Clone, Copy)]
 pub(crate) struct Findings<'a> {
@@ -50,36 +45,27 @@ pub(crate) struct Findings<'a> {
 pub(crate) struct Undecided {
     distances: Vec<f32>,
     labels: Vec<u16>,
-    rim: Rim,
     /// Column and row of the pixels to decide.
     pixels: Vec<[u16; 2]>,
 }
 
 impl Undecided {
-    /// Labels for all pixels: those given inside of measured surfaces, the nearest along the grey levels elsewhere. Along outlines the
-    /// label given counts as well, and so does that of pixels without depth where an object is too near to be measured, where the odds of
-    /// motion are low, or where they are high and the object is unmeasured: no pixel of it could give them its label. Without `outlines` all
-    /// measured pixels keep their labels.
+    /// Labels for all pixels: those given where depth is measured, the nearest along the grey levels elsewhere. The label given counts as
+    /// well where an object is too near to be measured, where the odds of motion are low, or where they are high and the object is
+    /// unmeasured: no pixel of it could give them its label.
     pub(crate) fn assign(
         &mut self,
         camera: &Pinhole,
         frame: &ViewFrame,
         labels: &[u16],
         Findings { odds, changed, unmeasured }: Findings<'_>,
-        outlines: bool,
     ) -> &[u16] {
         let (width, depth) = (camera.width, frame.depth.pixels());
         self.labels.clear();
         self.labels.extend_from_slice(labels);
         let near = near_objects(depth, labels);
-        if outlines {
-            self.rim.find(width, labels);
-        } else {
-            self.rim.clear(labels.len());
-        }
-        let rim = self.rim.marks();
         let start = |i: usize| match depth[i] {
-            z if z > 0.0 => f32::from(u8::from(rim[i])) * BY_DEPTH,
+            z if z > 0.0 => 0.0,
             _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
             _ if labels[i] == BACKGROUND && is_static(odds[i], changed[i]) => AS_FOUND,
             _ if odds[i] > CLEARLY_DYNAMIC && changed[i] == Some(true) && unmeasured[labels[i] as usize] => AS_FOUND,
@@ -89,7 +75,7 @@ impl Undecided {
         self.distances.extend((0..depth.len()).map(start));
         self.pixels.clear();
         for (v, row) in depth.chunks_exact(width.max(1)).enumerate() {
-            let open = row.iter().zip(&rim[v * width..]).enumerate().filter(|(_, (z, rim))| **z == 0.0 || **rim);
+            let open = row.iter().enumerate().filter(|(_, z)| **z == 0.0);
             self.pixels.extend(open.map(|(u, _)| [u as u16, v as u16]));
         }
         let (distances, labels) = (&mut self.distances[..], &mut self.labels[..]);
@@ -187,7 +173,7 @@ mod tests {
         let mut given = [BACKGROUND; 15];
         given[..labels].fill(1);
         let found =
-            Undecided::default().assign(&CAMERA, &frame, &given, findings(&[0.0; 15], &[changed; 15]), true).to_vec();
+            Undecided::default().assign(&CAMERA, &frame, &given, findings(&[0.0; 15], &[changed; 15])).to_vec();
         let object = found.iter().take_while(|l| **l == 1).count();
         assert!(found[object..].iter().all(|l| *l == BACKGROUND), "{found:?}");
         object
@@ -201,12 +187,7 @@ mod tests {
     #[test]
     fn what_the_static_scene_explains_is_background() {
         let without_edge = |changed| assigned(1.0, 15..15, changed, 5);
-        assert_eq!([None, Some(false), Some(true)].map(without_edge), [6, 3, 9]);
-    }
-
-    #[test]
-    fn an_outline_moves_to_an_edge_beside_it() {
-        assert_eq!([3, 4].map(|edge| assigned(1.0, edge..15, None, 5)), [3, 4]);
+        assert_eq!([None, Some(false), Some(true)].map(without_edge), [8, 6, 9]);
     }
 
     #[test]
@@ -220,30 +201,12 @@ mod tests {
         let objects = |odds: f32| {
             let odds = [odds; 15];
             Undecided::default()
-                .assign(&CAMERA, &frame, &given, findings(&odds, &[None; 15]), false)
+                .assign(&CAMERA, &frame, &given, findings(&odds, &[None; 15]))
                 .iter()
                 .filter(|l| **l == 1)
                 .count()
         };
         assert_eq!([0.0, -2.0].map(objects), [15, 10]);
-    }
-
-    #[test]
-    fn rims_reach_across_rows_and_not_around_the_ends_of_rows() {
-        let camera = Pinhole { width: 12, height: 12, fx: 12.0, fy: 12.0, cx: 5.5, cy: 5.5 };
-        // The lower right of the image moves; its edge in the image is one pixel higher and one to the left.
-        let mut frame = ViewFrame { gray: Image::filled(12, 12, 9), depth: Image::filled(12, 12, 2.0) };
-        let inside = |first: usize, i: usize| i % 12 >= first && i / 12 >= first;
-        frame.gray.pixels_mut().iter_mut().enumerate().filter(|(i, _)| inside(5, *i)).for_each(|(_, g)| *g = 90);
-        let given: Vec<u16> = (0..144).map(|i| u16::from(inside(6, i))).collect();
-        let moved: Vec<u16> = (0..144).map(|i| u16::from(inside(5, i))).collect();
-        let mut undecided = Undecided::default();
-        assert_eq!(undecided.assign(&camera, &frame, &given, findings(&[0.0; 144], &[None; 144]), true), moved);
-        assert_eq!(
-            undecided.assign(&camera, &frame, &given, findings(&[0.0; 144], &[None; 144]), false),
-            given,
-            "outlines as depth has them"
-        );
     }
 
     #[test]
@@ -262,7 +225,7 @@ mod tests {
         let given: Vec<u16> = (0..15).map(|i| u16::from(!(5..10).contains(&i))).collect();
         let background = |odds: f32, changed: Option<bool>| {
             let (odds, changed) = ([odds; 15], [changed; 15]);
-            let labels = Undecided::default().assign(&CAMERA, &frame, &given, findings(&odds, &changed), true).to_vec();
+            let labels = Undecided::default().assign(&CAMERA, &frame, &given, findings(&odds, &changed)).to_vec();
             labels.iter().filter(|l| **l == BACKGROUND).count()
         };
         assert_eq!([background(-0.5, Some(false)), background(-0.5, None), background(-0.1, Some(false))], [5, 0, 0]);
@@ -277,7 +240,7 @@ mod tests {
         given[..6].fill(1);
         let kept = |odds: f32, changed: bool, unmeasured: bool| {
             let found = Findings { odds: &[odds; 15], changed: &[Some(changed); 15], unmeasured: &[false, unmeasured] };
-            Undecided::default().assign(&CAMERA, &frame, &given, found, true).iter().filter(|l| **l == 1).count()
+            Undecided::default().assign(&CAMERA, &frame, &given, found).iter().filter(|l| **l == 1).count()
         };
         assert_eq!(kept(2.0, true, true), 6);
         assert_eq!([kept(0.5, true, true), kept(2.0, false, true), kept(2.0, true, false)], [0; 3]);

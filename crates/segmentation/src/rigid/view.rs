@@ -158,7 +158,7 @@ impl View {
         let targets = out.gray.pixels_mut().iter_mut().zip(out.depth.pixels_mut());
         for ((g, d), (corner, &inside)) in targets.zip(self.corners.iter().zip(&self.inside)) {
             if self.grid.is_empty() {
-                *g = corner.interpolate(gray.pixels());
+                *g = corner.interpolate(|i| gray.pixels()[i]);
             }
             *d = if inside { corner.nearest_valid(depth.pixels()) } else { 0.0 };
         }
@@ -171,7 +171,7 @@ impl View {
     fn average(&self, gray: &[u8], out: &mut [u8]) {
         let per_pixel = self.grid.len() / out.len().max(1);
         for (g, corners) in out.iter_mut().zip(self.grid.chunks_exact(per_pixel.max(1))) {
-            let sum: u32 = corners.iter().map(|corner| u32::from(corner.interpolate(gray))).sum();
+            let sum: u32 = corners.iter().map(|corner| u32::from(corner.interpolate(|i| gray[i]))).sum();
             *g = ((sum + per_pixel as u32 / 2) / per_pixel as u32) as u8;
         }
     }
@@ -181,10 +181,10 @@ impl View {
         out.assign(self.target.iter().map(|&i| small.get(i as usize).is_some_and(|&m| m != Mask::STATIC)));
     }
 
-    /// Colour of working pixel `index`: the mean of the four camera pixels around its middle, red, green, blue.
+    /// Colour of working pixel `index`, between the four camera pixels around its middle: red, green, blue.
     pub(crate) fn colour(&self, rgb: &RgbImage, index: usize) -> [u8; 3] {
-        let around = self.corners[index].indices().map(|i| rgb.pixels()[i].map(u16::from));
-        [0, 1, 2].map(|channel| (around.iter().map(|c| c[channel]).sum::<u16>() / 4) as u8)
+        let (corner, pixels) = (&self.corners[index], rgb.pixels());
+        [0, 1, 2].map(|channel| corner.interpolate(|i| pixels[i][channel]))
     }
 
     /// Camera pixel under working pixel `index`.
@@ -252,8 +252,9 @@ impl Corner {
         [i, i + self.right, i + self.down, i + self.right + self.down].map(|i| i as usize)
     }
 
-    fn interpolate(&self, gray: &[u8]) -> u8 {
-        let [a, b, c, d] = self.indices().map(|i| f32::from(gray[i]));
+    #[inline]
+    fn interpolate(&self, value: impl Fn(usize) -> u8) -> u8 {
+        let [a, b, c, d] = self.indices().map(|i| f32::from(value(i)));
         let [x, y] = self.fraction;
         let (top, bottom) = (a + (b - a) * x, c + (d - c) * x);
         (top + (bottom - top) * y + 0.5) as u8

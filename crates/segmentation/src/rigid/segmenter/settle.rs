@@ -115,21 +115,20 @@ impl RigidSegmenter {
         self.objects.extend(&self.surfaces, &owners);
     }
 
-    /// Lets grey levels decide where depth does not: along outlines and where it is missing.
+    /// Lets grey levels decide where depth is missing.
     fn assign_undecided(&mut self) {
         if self.objects.list.is_empty() {
             return;
         }
         let unmeasured = self.objects.mark_unmeasured(self.current.depth.pixels());
         let found = Findings { odds: &self.objects.odds, changed: &self.field.changed, unmeasured: &unmeasured };
-        let outlines = self.config.refined_outlines;
-        let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found, outlines);
+        let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found);
         self.objects.relabel(labels);
     }
 
-    /// Lets colours decide along outlines.
+    /// Lets colours decide along outlines, where depth is ragged.
     fn assign_by_colour(&mut self, rgb: &RgbImage) {
-        if !self.config.colour_outlines || self.objects.list.is_empty() {
+        if !self.config.refined_outlines || self.objects.list.is_empty() {
             return;
         }
         let labels = self.colours.assign(&self.view, rgb, self.current.gray.pixels(), &self.objects.labels);
