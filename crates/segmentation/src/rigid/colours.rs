@@ -8,7 +8,7 @@ use pfd_geometry::RgbImage;
 
 use super::regions::BACKGROUND;
 use super::rim::Rim;
-use super::view::View;
+use super::view::{View, ViewFrame};
 
 /// Bins of luma, and of each of the two differences of chroma.
 const BINS: usize = 16;
@@ -22,6 +22,8 @@ const UNRELIABLE: f32 = 0.01;
 const MAX_COLOUR: f32 = 2.0;
 /// Log-odds by which a pixel stays what it was found to be.
 const AS_FOUND: f32 = 0.5;
+/// Log-odds by which one that looks other than the static model is a mover's, and one that does not is none.
+const BY_MODEL: f32 = 0.75;
 /// Log-odds by which neighbours of the same grey level go together, …
 const ALIKE: f32 = 0.8;
 /// … and the difference of grey levels at which it is a third of that.
@@ -61,19 +63,26 @@ struct Open {
 }
 
 impl Colours {
-    /// Labels for all pixels: as given, but along outlines by the colours of `rgb`, an image of the camera's size; `gray` is its luma in the
-    /// working view.
-    pub(crate) fn assign(&mut self, view: &View, rgb: &RgbImage, gray: &[u8], labels: &[u16]) -> &[u16] {
+    /// Labels for all pixels: as given, but along outlines by the colours of `rgb`, an image of the camera's size; `frame` is the same in the
+    /// working view. `changed` says whether a pixel is other than in the static scene, where that is known.
+    pub(crate) fn assign(
+        &mut self,
+        view: &View,
+        (rgb, frame): (&RgbImage, &ViewFrame),
+        changed: &[Option<bool>],
+        labels: &[u16],
+    ) -> &[u16] {
         self.labels.clear();
         self.labels.extend_from_slice(labels);
         let (width, height) = (view.camera.width, view.camera.height);
         let Some(window) = Window::around(width, height, labels) else { return &self.labels };
         self.rim.find(width, labels);
+        self.rim.add_gaps(width, frame.depth.pixels());
         self.sample(view, rgb, labels, &window);
         if self.movers.count < MIN_SAMPLE || self.surroundings.count < MIN_SAMPLE {
             return &self.labels;
         }
-        self.collect(view, rgb, gray, &window);
+        self.collect(view, (rgb, frame.gray.pixels()), changed, &window);
         self.relax(width);
         self.settle(width);
         &self.labels
@@ -93,14 +102,21 @@ impl Colours {
     }
 
     /// Lists the pixels to decide.
-    fn collect(&mut self, view: &View, rgb: &RgbImage, gray: &[u8], window: &Window) {
+    fn collect(
+        &mut self,
+        view: &View,
+        (rgb, gray): (&RgbImage, &[u8]),
+        changed: &[Option<bool>],
+        window: &Window,
+    ) {
         self.beliefs.clear();
         self.beliefs.extend(self.labels.iter().map(|&l| if l == BACKGROUND { -1.0 } else { 1.0 }));
         self.open.clear();
         for i in window.pixels(1).filter(|&i| self.rim.marks()[i]) {
             let bin = bin(view.colour(rgb, i));
             let colour = (self.movers.share(bin) / self.surroundings.share(bin)).ln();
-            let bias = colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i];
+            let seen = changed[i].map_or(0.0, |changed| if changed { BY_MODEL } else { -BY_MODEL });
+            let bias = colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i] + seen;
             let tie = |j: Option<usize>| j.map_or(0.0, |j| likeness(gray[i], gray[j]));
             let ties = neighbours(i, (window.width, window.height)).map(tie);
             self.open.push(Open { index: i as u32, bias, ties });
@@ -250,14 +266,14 @@ fn neighbours(i: usize, (width, height): (usize, usize)) -> [Option<usize>; 4] {
 mod tests {
     use super::*;
 
-    use pfd_geometry::{Camera, Distortion, Image};
+    use pfd_geometry::{Camera, Distortion, GrayImage, Image};
 
     const WIDTH: usize = 64;
     const HEIGHT: usize = 48;
     /// Columns from here on belong to a mover.
     const EDGE: usize = 32;
     const RED: [u8; 3] = [180, 60, 60];
-    const GREEN: [u8; 3] = [60, 140, 60];
+    const GREEN: [u8; 3] = [60, 180, 60];
 
     fn view() -> View {
         let (width, height) = (WIDTH, HEIGHT);
@@ -275,7 +291,8 @@ mod tests {
         for i in (0..WIDTH * HEIGHT).filter(|i| is_mover(i % WIDTH, i / WIDTH)) {
             rgb.pixels_mut()[i] = mover;
         }
-        Colours::default().assign(&view(), &rgb, rgb.to_gray().pixels(), given).to_vec()
+        let frame = ViewFrame { gray: rgb.to_gray(), depth: Image::filled(WIDTH, HEIGHT, 2.0) };
+        Colours::default().assign(&view(), (&rgb, &frame), &[None; WIDTH * HEIGHT], given).to_vec()
     }
 
     /// Column of the last pixel before the mover in each row.
@@ -290,6 +307,40 @@ mod tests {
             let found = assigned(is_mover, [RED, GREEN], &labels(|u, _| u >= off));
             assert_eq!(edges(&found), [EDGE; HEIGHT], "given at {off}");
         }
+    }
+
+    #[test]
+    fn the_static_scene_decides_where_colours_do_not() {
+        let given = labels(|u, _| u >= EDGE);
+        // A chequered scene: no two neighbours are alike.
+        let mut rgb = Image::filled(WIDTH, HEIGHT, RED);
+        let odd = (0..WIDTH * HEIGHT).filter(|i| (i % WIDTH + i / WIDTH) % 2 == 1);
+        odd.for_each(|i| rgb.pixels_mut()[i] = GREEN);
+        let frame = ViewFrame { gray: rgb.to_gray(), depth: Image::filled(WIDTH, HEIGHT, 2.0) };
+        let edge = |seen: Option<bool>| {
+            let found = Colours::default().assign(&view(), (&rgb, &frame), &[seen; WIDTH * HEIGHT], &given).to_vec();
+            edges(&found)[HEIGHT / 2]
+        };
+        assert_eq!([None, Some(true), Some(false)].map(edge), [EDGE, EDGE - 3, EDGE + 3]);
+    }
+
+    #[test]
+    fn a_gap_beside_a_mover_goes_to_what_has_its_colours() {
+        let is_mover = |u: usize, _| u >= EDGE;
+        let mut rgb = Image::filled(WIDTH, HEIGHT, GREEN);
+        let mut frame = ViewFrame { gray: GrayImage::default(), depth: Image::filled(WIDTH, HEIGHT, 2.0) };
+        for i in 0..WIDTH * HEIGHT {
+            if is_mover(i % WIDTH, 0) {
+                rgb.pixels_mut()[i] = RED;
+            }
+            if (EDGE - 3..EDGE + 8).contains(&(i % WIDTH)) {
+                frame.depth.pixels_mut()[i] = 0.0;
+            }
+        }
+        frame.gray = rgb.to_gray();
+        let given = labels(|u, _| u >= EDGE + 8);
+        let found = Colours::default().assign(&view(), (&rgb, &frame), &[None; WIDTH * HEIGHT], &given).to_vec();
+        assert_eq!(edges(&found), [EDGE; HEIGHT]);
     }
 
     #[test]

@@ -131,7 +131,8 @@ impl RigidSegmenter {
         if !self.config.refined_outlines || self.objects.list.is_empty() {
             return;
         }
-        let labels = self.colours.assign(&self.view, rgb, self.current.gray.pixels(), &self.objects.labels);
+        let (changed, labels) = (&self.field.changed, &self.objects.labels);
+        let labels = self.colours.assign(&self.view, (rgb, &self.current), changed, labels);
         self.objects.relabel(labels);
     }
 
