@@ -72,6 +72,9 @@ const KEPT_OUTSIDE: f32 = 0.975;
 const EDGE_SLACK: f32 = 0.01;
 /// A measurement that contradicts a point leaves this share of its confirmations.
 const KEPT_CONTRADICTED: f32 = 0.8;
+/// The same where the model has what was found to be a mover: it was taken for a part of the room before it was found, and would be
+/// explained by where it has been. Surfaces that are masked wrongly are so for a few frames only.
+const KEPT_ON_MOVER: f32 = 0.9;
 /// Depth step per metre of depth across a gap of one pixel up to which its sides are one surface, and so are two points on one pixel.
 const MAX_GAP_STEP: f32 = 0.04;
 
@@ -133,13 +136,14 @@ impl StaticModel {
     }
 
     /// Takes in a frame. Pixels outside the `dynamic` mask (0 there) confirm the model or contradict it, by luma alone where depth is
-    /// missing; those inside only clear what they see through. Depths differ from `significance` standard deviations on.
+    /// missing; those inside only clear what they see through, and make it doubtful where it looks like one of the `movers`, of which
+    /// `dynamic` is a wider mask. Depths differ from `significance` standard deviations on.
     pub(crate) fn observe(
         &mut self,
         camera: &Pinhole,
         (noise, significance): (&DepthNoise, f32),
         frame: &ViewFrame,
-        dynamic: &[u8],
+        (movers, dynamic): (&[u8], &[u8]),
     ) {
         for (i, &z) in frame.depth.pixels().iter().enumerate() {
             if !noise.is_usable(f64::from(z)) {
@@ -153,6 +157,8 @@ impl StaticModel {
             if dynamic[i] != 0 {
                 if differs && z > known.position[2] {
                     self.erase(i);
+                } else if !differs && movers[i] != 0 {
+                    self.points.pixels_mut()[i].hits *= KEPT_ON_MOVER;
                 }
                 continue;
             }
@@ -353,13 +359,31 @@ mod tests {
             };
             (0..10).for_each(|_| model.confirm(5, CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
             let dynamic = vec![dynamic; CAMERA.pixels()];
-            (0..frames).for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, &dynamic));
+            (0..frames).for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, (&dynamic, &dynamic)));
             model.points()[5].gray
         };
         assert!((90.0..95.0).contains(&seen(0, 0.0, 1)), "a mover that has not been found yet is not learned at once");
         assert!(seen(0, 0.0, 60) < 21.0);
         assert_eq!(seen(255, 0.0, 60), 100.0);
         assert!(seen(0, 2.0, 1) < 80.0, "where depth agrees it is followed fast");
+    }
+
+    #[test]
+    fn what_looks_like_a_mover_becomes_doubtful_and_what_lies_beside_it_does_not() {
+        let hits = |mover: u8, z: f32| {
+            let mut model = StaticModel::new(&CAMERA);
+            let frame = ViewFrame {
+                gray: Image::filled(CAMERA.width, CAMERA.height, 100),
+                depth: Image::filled(CAMERA.width, CAMERA.height, z),
+            };
+            (0..10).for_each(|_| model.confirm(5, CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
+            let masks = (vec![mover; CAMERA.pixels()], vec![255; CAMERA.pixels()]);
+            (0..12).for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, (&masks.0, &masks.1)));
+            model.points()[5].hits
+        };
+        assert!(hits(255, 2.0) < MIN_HITS);
+        assert_eq!(hits(0, 2.0), 10.0, "beside it");
+        assert_eq!(hits(255, 1.0), 10.0, "what it hides is remembered");
     }
 
     #[test]

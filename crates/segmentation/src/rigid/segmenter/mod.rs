@@ -314,7 +314,7 @@ impl RigidSegmenter {
         let camera = &self.view.camera;
         dilate(camera.width, &self.mask, &mut self.buffers.spare_mask);
         let significance = self.config.significance as f32;
-        self.model.observe(camera, (&self.noise, significance), &self.current, &self.buffers.spare_mask);
+        self.model.observe(camera, (&self.noise, significance), &self.current, (&self.mask, &self.buffers.spare_mask));
     }
 
     /// Makes the current frame the previous one.
