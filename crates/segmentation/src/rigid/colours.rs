@@ -109,6 +109,8 @@ impl Colours {
         changed: &[Option<bool>],
         window: &Window,
     ) {
+        // The less colours tell both sides apart the less they say.
+        let trust = self.movers.distance(&self.surroundings);
         self.beliefs.clear();
         self.beliefs.extend(self.labels.iter().map(|&l| if l == BACKGROUND { -1.0 } else { 1.0 }));
         self.open.clear();
@@ -116,7 +118,7 @@ impl Colours {
             let bin = bin(view.colour(rgb, i));
             let colour = (self.movers.share(bin) / self.surroundings.share(bin)).ln();
             let seen = changed[i].map_or(0.0, |changed| if changed { BY_MODEL } else { -BY_MODEL });
-            let bias = colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i] + seen;
+            let bias = trust * colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i] + seen;
             let tie = |j: Option<usize>| j.map_or(0.0, |j| likeness(gray[i], gray[j]));
             let ties = neighbours(i, (window.width, window.height)).map(tie);
             self.open.push(Open { index: i as u32, bias, ties });
@@ -225,6 +227,12 @@ impl Histogram {
             }
             std::mem::swap(&mut self.counts, &mut self.spare);
         }
+    }
+
+    /// Total variation distance from another histogram: 0 where both are the same, 1 where they share no colour.
+    fn distance(&self, other: &Self) -> f32 {
+        let [a, b] = [self, other].map(|h| 1.0 / h.count as f32);
+        0.5 * self.counts.iter().zip(&other.counts).map(|(x, y)| (x * a - y * b).abs()).sum::<f32>()
     }
 
     /// Share of a bin, above 0.
@@ -398,6 +406,33 @@ mod tests {
         assert!((beside - 8.0 * LEAKAGE * (1.0 - 2.0 * LEAKAGE).powi(2)).abs() < 1e-4);
         assert_eq!(histogram.counts[middle as usize + 2], 0.0);
         assert!((0..4096).all(|b| histogram.share(b) > 0.0));
+    }
+
+    #[test]
+    fn histograms_are_as_far_apart_as_they_differ() {
+        let of = |colours: &[([u8; 3], usize)]| {
+            let mut histogram = Histogram::default();
+            histogram.clear();
+            colours.iter().for_each(|&(c, times)| (0..times).for_each(|_| histogram.add(bin(c))));
+            histogram
+        };
+        let red = of(&[(RED, 5)]);
+        assert_eq!([of(&[(RED, 80)]), of(&[(GREEN, 7)])].map(|h| red.distance(&h)), [0.0, 1.0]);
+        assert!((red.distance(&of(&[(RED, 30), (GREEN, 10)])) - 0.25).abs() < 1e-6);
+    }
+
+    #[test]
+    fn colours_of_both_sides_say_little() {
+        // All colours but one are those of both sides; that one was seen on the mover alone.
+        let given = labels(|u, _| u >= EDGE);
+        let edge = |patch: usize| {
+            let mut rgb = Image::filled(WIDTH, HEIGHT, RED);
+            let is_green = |i: &usize| i % WIDTH >= WIDTH - patch || i % WIDTH == EDGE - 1;
+            (0..WIDTH * HEIGHT).filter(is_green).for_each(|i| rgb.pixels_mut()[i] = GREEN);
+            let frame = ViewFrame { gray: rgb.to_gray(), depth: Image::filled(WIDTH, HEIGHT, 2.0) };
+            edges(Colours::default().assign(&view(), (&rgb, &frame), &[None; WIDTH * HEIGHT], &given))[HEIGHT / 2]
+        };
+        assert_eq!([2, 16].map(edge), [EDGE, EDGE - 1]);
     }
 
     #[test]
