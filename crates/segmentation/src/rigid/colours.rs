@@ -409,6 +409,22 @@ mod tests {
     }
 
     #[test]
+    fn a_speckle_goes_with_what_surrounds_it_if_it_is_as_bright() {
+        let [bright, dull] = [GREEN, [60, 127, 60]];
+        let is_mover = |speckle: [u8; 3], room: [u8; 3]| {
+            let mut rgb = Image::filled(WIDTH, HEIGHT, room);
+            (0..WIDTH * HEIGHT).filter(|i| i % WIDTH >= EDGE).for_each(|i| rgb.pixels_mut()[i] = RED);
+            let at = 20 * WIDTH + EDGE + 1;
+            rgb.pixels_mut()[at] = speckle;
+            let frame = ViewFrame { gray: rgb.to_gray(), depth: Image::filled(WIDTH, HEIGHT, 2.0) };
+            let given = labels(|u, _| u >= EDGE);
+            Colours::default().assign(&view(), (&rgb, &frame), &[None; WIDTH * HEIGHT], &given)[at] != BACKGROUND
+        };
+        assert!(is_mover(dull, dull));
+        assert!(!is_mover(bright, bright));
+    }
+
+    #[test]
     fn histograms_are_as_far_apart_as_they_differ() {
         let of = |colours: &[([u8; 3], usize)]| {
             let mut histogram = Histogram::default();
