@@ -92,8 +92,7 @@ impl RigidSegmenter {
             things::settle_planes(&mut self.objects, &self.surfaces, &camera, speaks_for_motion);
         }
         self.complete();
-        self.assign_undecided();
-        self.assign_by_colour(rgb);
+        self.assign_undecided(rgb);
         self.release(time);
         self.draw_mask();
     }
@@ -115,24 +114,18 @@ impl RigidSegmenter {
         self.objects.extend(&self.surfaces, &owners);
     }
 
-    /// Lets grey levels decide where depth is missing.
-    fn assign_undecided(&mut self) {
+    /// Lets grey levels decide where depth is missing, and colours along outlines, where it is ragged.
+    fn assign_undecided(&mut self, rgb: &RgbImage) {
         if self.objects.list.is_empty() {
             return;
         }
-        let unmeasured = self.objects.mark_unmeasured(self.current.depth.pixels());
-        let found = Findings { odds: &self.objects.odds, changed: &self.field.changed, unmeasured: &unmeasured };
-        let labels = self.undecided.assign(&self.view.camera, &self.current, &self.objects.labels, found);
-        self.objects.relabel(labels);
-    }
-
-    /// Lets colours decide along outlines, where depth is ragged.
-    fn assign_by_colour(&mut self, rgb: &RgbImage) {
-        if !self.config.refined_outlines || self.objects.list.is_empty() {
-            return;
+        let (view, frame, changed) = (&self.view, &self.current, &self.field.changed);
+        let unmeasured = self.objects.mark_unmeasured(frame.depth.pixels());
+        let found = Findings { odds: &self.objects.odds, changed, unmeasured: &unmeasured };
+        let mut labels = self.undecided.assign(&view.camera, frame, &self.objects.labels, found);
+        if self.config.refined_outlines {
+            labels = self.colours.assign(view, (rgb, frame), changed, labels);
         }
-        let (changed, labels) = (&self.field.changed, &self.objects.labels);
-        let labels = self.colours.assign(&self.view, (rgb, &self.current), changed, labels);
         self.objects.relabel(labels);
     }
 
