@@ -3,10 +3,15 @@
 //! 2001); the cut is relaxed to a mean field, as which label a few pixels get is no matter of optimality.
 //!
 //! Depth alone is ragged there, and grey levels alone place an outline wherever an edge is, be it that of a stripe on a shirt.
+//!
+//! All movers share one histogram. What is so narrow that all of it is in question goes by the colours of the others: mostly it is a splinter of
+//! the background beside one of them.
+//!
+//! The log-odds below were compared on the sequences of the README: doubled or halved, each by itself changes their mean IoU by .004 at most.
 
 use pfd_geometry::RgbImage;
 
-use super::regions::BACKGROUND;
+use super::regions::{BACKGROUND, neighbours};
 use super::rim::Rim;
 use super::view::{View, ViewFrame};
 
@@ -14,14 +19,14 @@ use super::view::{View, ViewFrame};
 const BINS: usize = 16;
 /// Chroma beyond this is as good as this: surfaces in rooms seldom have more.
 const MAX_CHROMA: i32 = 32;
-/// Share of a bin that goes to each neighbour: colours of a surface differ by shading and noise.
+/// Share of a bin that goes to each neighbour: colours of a surface differ by shading and noise, by about half a bin.
 const LEAKAGE: f32 = 0.2;
-/// Share of pixels of which the colour says nothing: reflections, blends of both sides.
-const UNRELIABLE: f32 = 0.01;
+/// Samples of any colour whatever that each side is taken to have besides those seen: what was seen of few pixels says little.
+const UNSEEN: f32 = 10.0;
 /// Log-odds that colour counts for at most.
 const MAX_COLOUR: f32 = 2.0;
-/// Log-odds by which a pixel stays what it was found to be.
-const AS_FOUND: f32 = 0.5;
+/// Log-odds by which a pixel keeps its label.
+const KEEP_LABEL: f32 = 0.5;
 /// Log-odds by which one that looks other than the static model is a mover's, and one that does not is none.
 const BY_MODEL: f32 = 0.75;
 /// Log-odds by which neighbours of the same grey level go together, …
@@ -30,13 +35,13 @@ const ALIKE: f32 = 0.8;
 const CONTRAST: f32 = 16.0;
 /// Log-odds that are certainty: between these a belief is linear in them, as the logistic function nearly is.
 const CERTAIN: f32 = 2.0;
-/// Movers are compared with what lies up to this far from them, working pixels: a tenth of the width.
+/// The surroundings are the box around all movers, grown by this, working pixels: of 320 columns a tenth.
 const SURROUNDINGS: usize = 30;
 /// Every how many pixels of a row, and rows, colours are counted.
 const STRIDE: usize = 2;
-/// Fewer pixels than this have no histogram.
+/// Fewer samples than this are no histogram.
 const MIN_SAMPLE: u32 = 10;
-/// Turns of the relaxation, each there and back; after two hardly any label changes.
+/// Turns of the relaxation, each there and back: with one more hardly any label changes.
 const TURNS: usize = 3;
 
 /// Decides along outlines.
@@ -45,6 +50,8 @@ pub(crate) struct Colours {
     rim: Rim,
     movers: Histogram,
     surroundings: Histogram,
+    /// Log-odds that a colour is a mover's, by bin.
+    odds: Vec<f32>,
     /// Pixels to decide.
     open: Vec<Open>,
     /// How surely a pixel is a mover's: −1 to 1.
@@ -58,12 +65,12 @@ struct Open {
     index: u32,
     /// Log-odds of being a mover's, neighbours aside.
     bias: f32,
-    /// For each of up to four neighbours by how much it is like them: left, right, above, below.
-    ties: [f32; 4],
+    /// Its neighbours, and by how much it is like them; where there is none itself, and 0.
+    around: [(u32, f32); 4],
 }
 
 impl Colours {
-    /// Labels for all pixels: as given, but along outlines by the colours of `rgb`, an image of the camera's size; `frame` is the same in the
+    /// Labels for all pixels: as given, but along outlines by the colours of `rgb`, an image of the camera's size, of which `frame` is the
     /// working view. `changed` says whether a pixel is other than in the static scene, where that is known.
     pub(crate) fn assign(
         &mut self,
@@ -74,17 +81,18 @@ impl Colours {
     ) -> &[u16] {
         self.labels.clear();
         self.labels.extend_from_slice(labels);
-        let (width, height) = (view.camera.width, view.camera.height);
-        let Some(window) = Window::around(width, height, labels) else { return &self.labels };
-        self.rim.find(width, labels);
-        self.rim.add_gaps(width, frame.depth.pixels());
+        let size = (view.camera.width, view.camera.height);
+        let Some(window) = Window::around(size, labels) else { return &self.labels };
+        self.rim.find(size.0, labels);
+        self.rim.add_gaps(size.0, frame.depth.pixels());
         self.sample(view, rgb, labels, &window);
         if self.movers.count < MIN_SAMPLE || self.surroundings.count < MIN_SAMPLE {
             return &self.labels;
         }
+        self.judge_colours();
         self.collect(view, (rgb, frame.gray.pixels()), changed, &window);
-        self.relax(width);
-        self.settle(width);
+        self.relax();
+        self.write_labels();
         &self.labels
     }
 
@@ -93,48 +101,46 @@ impl Colours {
         self.movers.clear();
         self.surroundings.clear();
         let rim = self.rim.marks();
-        for i in window.pixels(STRIDE).filter(|&i| !rim[i]) {
+        for i in window.pixels(STRIDE).filter(|&i| !rim[i] && view.inside[i]) {
             let histogram = if labels[i] == BACKGROUND { &mut self.surroundings } else { &mut self.movers };
             histogram.add(bin(view.colour(rgb, i)));
         }
-        self.movers.smooth();
-        self.surroundings.smooth();
+    }
+
+    /// What each colour says.
+    fn judge_colours(&mut self) {
+        let shares = [&mut self.movers, &mut self.surroundings].map(Histogram::smoothed_shares);
+        // The less colours tell both sides apart the less they say.
+        let [movers, surroundings] = shares;
+        let trust = distance(movers, surroundings);
+        let odds = movers.iter().zip(surroundings).map(|(m, s)| trust * (m / s).ln().clamp(-MAX_COLOUR, MAX_COLOUR));
+        self.odds.clear();
+        self.odds.extend(odds);
     }
 
     /// Lists the pixels to decide.
-    fn collect(
-        &mut self,
-        view: &View,
-        (rgb, gray): (&RgbImage, &[u8]),
-        changed: &[Option<bool>],
-        window: &Window,
-    ) {
-        // The less colours tell both sides apart the less they say.
-        let trust = self.movers.distance(&self.surroundings);
+    fn collect(&mut self, view: &View, (rgb, gray): (&RgbImage, &[u8]), changed: &[Option<bool>], window: &Window) {
         self.beliefs.clear();
         self.beliefs.extend(self.labels.iter().map(|&l| if l == BACKGROUND { -1.0 } else { 1.0 }));
         self.open.clear();
-        for i in window.pixels(1).filter(|&i| self.rim.marks()[i]) {
-            let bin = bin(view.colour(rgb, i));
-            let colour = (self.movers.share(bin) / self.surroundings.share(bin)).ln();
+        let rim = self.rim.marks();
+        let is_open = |&i: &usize| rim[i] && view.inside[i];
+        for i in window.pixels(1).filter(is_open) {
             let seen = changed[i].map_or(0.0, |changed| if changed { BY_MODEL } else { -BY_MODEL });
-            let bias = trust * colour.clamp(-MAX_COLOUR, MAX_COLOUR) + AS_FOUND * self.beliefs[i] + seen;
-            let tie = |j: Option<usize>| j.map_or(0.0, |j| likeness(gray[i], gray[j]));
-            let ties = neighbours(i, (window.width, window.height)).map(tie);
-            self.open.push(Open { index: i as u32, bias, ties });
+            let colour = self.odds[usize::from(bin(view.colour(rgb, i)))];
+            let bias = colour + KEEP_LABEL * self.beliefs[i] + seen;
+            let tie = |j: Option<usize>| j.map_or((i as u32, 0.0), |j| (j as u32, likeness(gray[i], gray[j])));
+            let around = neighbours((view.camera.width, view.camera.height), i).map(tie);
+            self.open.push(Open { index: i as u32, bias, around });
         }
     }
 
     /// Brings each belief in line with the colour and with the neighbours.
-    fn relax(&mut self, width: usize) {
+    fn relax(&mut self) {
         let beliefs = &mut self.beliefs;
         let mut update = |open: &Open| {
-            let i = open.index as usize;
-            // Where there is no neighbour, the tie to whatever stands in its place is 0.
-            let around = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width];
-            let pull = |(j, tie): (usize, f32)| tie * beliefs.get(j).copied().unwrap_or(0.0);
-            let odds = open.bias + around.into_iter().zip(open.ties).map(pull).sum::<f32>();
-            beliefs[i] = (odds / CERTAIN).clamp(-1.0, 1.0);
+            let pull: f32 = open.around.iter().map(|&(j, tie)| tie * beliefs[j as usize]).sum();
+            beliefs[open.index as usize] = ((open.bias + pull) / CERTAIN).clamp(-1.0, 1.0);
         };
         for _ in 0..TURNS {
             self.open.iter().for_each(&mut update);
@@ -142,22 +148,22 @@ impl Colours {
         }
     }
 
-    /// Gives pixels that became a mover's the label beside them, and the others that of the background.
-    fn settle(&mut self, width: usize) {
+    /// Gives pixels that became a mover's the label of the neighbour that is most like them, and the others that of the background.
+    fn write_labels(&mut self) {
         let (beliefs, labels) = (&self.beliefs, &mut self.labels);
-        let mut update = |open: &Open| {
+        for open in self.open.iter().filter(|open| beliefs[open.index as usize] <= 0.0) {
+            labels[open.index as usize] = BACKGROUND;
+        }
+        let mut join = |open: &Open| {
             let i = open.index as usize;
-            if beliefs[i] <= 0.0 {
-                labels[i] = BACKGROUND;
-            } else if labels[i] == BACKGROUND {
-                let around = [i.wrapping_sub(1), i + 1, i.wrapping_sub(width), i + width];
-                let tied = around.into_iter().zip(open.ties).filter(|(_, tie)| *tie > 0.0);
-                let label = tied.map(|(j, _)| labels[j]).find(|&label| label != BACKGROUND);
-                labels[i] = label.unwrap_or(BACKGROUND);
+            if beliefs[i] > 0.0 && labels[i] == BACKGROUND {
+                let likest = |a: &(u32, f32), b: &(u32, f32)| a.1.total_cmp(&b.1);
+                let labelled = open.around.iter().copied().filter(|&(j, _)| labels[j as usize] != BACKGROUND);
+                labels[i] = labelled.max_by(likest).map_or(BACKGROUND, |(j, _)| labels[j as usize]);
             }
         };
-        self.open.iter().for_each(&mut update);
-        self.open.iter().rev().for_each(&mut update);
+        self.open.iter().for_each(&mut join);
+        self.open.iter().rev().for_each(&mut join);
     }
 }
 
@@ -167,27 +173,23 @@ struct Window {
     columns: [usize; 2],
     rows: [usize; 2],
     width: usize,
-    height: usize,
 }
 
 impl Window {
     /// What surrounds all movers; `None` where there are none.
-    fn around(width: usize, height: usize, labels: &[u16]) -> Option<Self> {
+    fn around((width, height): (usize, usize), labels: &[u16]) -> Option<Self> {
         let is_mover = |l: &u16| *l != BACKGROUND;
-        let first = labels.iter().position(is_mover)? / width;
-        let last = labels.iter().rposition(is_mover)? / width;
-        let of_row = |row: &[u16]| Some([row.iter().position(is_mover)?, row.iter().rposition(is_mover)?]);
-        let [left, right] = labels
-            .chunks_exact(width)
-            .filter_map(of_row)
-            .reduce(|[left, right], [first, last]| [left.min(first), right.max(last)])?;
+        let (top, bottom) = (labels.iter().position(is_mover)? / width, labels.iter().rposition(is_mover)? / width);
+        let ends = |row: &[u16]| Some([row.iter().position(is_mover)?, row.iter().rposition(is_mover)?]);
+        let [left, right] =
+            labels.chunks_exact(width).filter_map(ends).reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
         let grown = |low: usize, high: usize, size: usize| {
             [low.saturating_sub(SURROUNDINGS), (high + SURROUNDINGS + 1).min(size)]
         };
-        Some(Self { columns: grown(left, right, width), rows: grown(first, last, height), width, height })
+        Some(Self { columns: grown(left, right, width), rows: grown(top, bottom, height), width })
     }
 
-    /// Every `step`-th of every `step`-th row.
+    /// Every `step`-th pixel of every `step`-th row.
     fn pixels(&self, step: usize) -> impl Iterator<Item = usize> + use<> {
         let ([left, right], [top, bottom], width) = (self.columns, self.rows, self.width);
         (top..bottom).step_by(step).flat_map(move |v| (left..right).step_by(step).map(move |u| v * width + u))
@@ -210,16 +212,16 @@ impl Histogram {
     }
 
     fn add(&mut self, bin: u16) {
-        self.counts[bin as usize] += 1.0;
+        self.counts[usize::from(bin)] += 1.0;
         self.count += 1;
     }
 
-    /// Lets each bin leak into its neighbours along each of the three axes.
-    fn smooth(&mut self) {
+    /// Shares of the colours, each above 0, after each bin has leaked into its neighbours along each of the three axes.
+    fn smoothed_shares(&mut self) -> &[f32] {
         for step in [1, BINS, BINS * BINS] {
             self.spare.clear();
             self.spare.extend(self.counts.iter().map(|c| (1.0 - 2.0 * LEAKAGE) * c));
-            for (bin, &count) in self.counts.iter().enumerate() {
+            for (bin, &count) in self.counts.iter().enumerate().filter(|(_, c)| **c > 0.0) {
                 let place = bin / step % BINS;
                 // At the ends what would leave stays.
                 self.spare[if place > 0 { bin - step } else { bin }] += LEAKAGE * count;
@@ -227,19 +229,16 @@ impl Histogram {
             }
             std::mem::swap(&mut self.counts, &mut self.spare);
         }
+        let even = UNSEEN / self.counts.len() as f32;
+        let scale = 1.0 / (self.count as f32 + UNSEEN);
+        self.counts.iter_mut().for_each(|count| *count = (*count + even) * scale);
+        &self.counts
     }
+}
 
-    /// Total variation distance from another histogram: 0 where both are the same, 1 where they share no colour.
-    fn distance(&self, other: &Self) -> f32 {
-        let [a, b] = [self, other].map(|h| 1.0 / h.count as f32);
-        0.5 * self.counts.iter().zip(&other.counts).map(|(x, y)| (x * a - y * b).abs()).sum::<f32>()
-    }
-
-    /// Share of a bin, above 0.
-    fn share(&self, bin: u16) -> f32 {
-        let even = 1.0 / self.counts.len() as f32;
-        (1.0 - UNRELIABLE) * self.counts[bin as usize] / self.count as f32 + UNRELIABLE * even
-    }
+/// Total variation distance of two distributions: 0 where they are the same, 1 where they share no colour.
+fn distance(a: &[f32], b: &[f32]) -> f32 {
+    0.5 * a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum::<f32>()
 }
 
 /// Bin of a colour: luma, then the differences of blue and red from it (ITU-R BT.601, in fixed point).
@@ -259,20 +258,10 @@ fn likeness(a: u8, b: u8) -> f32 {
     ALIKE * (-difference * difference).exp()
 }
 
-/// The neighbours of a pixel: left, right, above, below.
-fn neighbours(i: usize, (width, height): (usize, usize)) -> [Option<usize>; 4] {
-    let (u, v) = (i % width, i / width);
-    [
-        (u > 0).then(|| i - 1),
-        (u + 1 < width).then(|| i + 1),
-        (v > 0).then(|| i - width),
-        (v + 1 < height).then(|| i + width),
-    ]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rigid::rim::RIM_WIDTH;
 
     use pfd_geometry::{Camera, Distortion, GrayImage, Image};
 
@@ -303,7 +292,7 @@ mod tests {
         Colours::default().assign(&view(), (&rgb, &frame), &[None; WIDTH * HEIGHT], given).to_vec()
     }
 
-    /// Column of the last pixel before the mover in each row.
+    /// Column of the mover's first pixel in each row.
     fn edges(labels: &[u16]) -> Vec<usize> {
         labels.chunks_exact(WIDTH).map(|row| row.iter().take_while(|l| **l == BACKGROUND).count()).collect()
     }
@@ -320,16 +309,16 @@ mod tests {
     #[test]
     fn the_static_scene_decides_where_colours_do_not() {
         let given = labels(|u, _| u >= EDGE);
-        // A chequered scene: no two neighbours are alike.
-        let mut rgb = Image::filled(WIDTH, HEIGHT, RED);
+        // Black and white in turn, in both directions, so that no two neighbours are alike.
+        let mut rgb = Image::filled(WIDTH, HEIGHT, [255; 3]);
         let odd = (0..WIDTH * HEIGHT).filter(|i| (i % WIDTH + i / WIDTH) % 2 == 1);
-        odd.for_each(|i| rgb.pixels_mut()[i] = GREEN);
+        odd.for_each(|i| rgb.pixels_mut()[i] = [0; 3]);
         let frame = ViewFrame { gray: rgb.to_gray(), depth: Image::filled(WIDTH, HEIGHT, 2.0) };
         let edge = |seen: Option<bool>| {
             let found = Colours::default().assign(&view(), (&rgb, &frame), &[seen; WIDTH * HEIGHT], &given).to_vec();
             edges(&found)[HEIGHT / 2]
         };
-        assert_eq!([None, Some(true), Some(false)].map(edge), [EDGE, EDGE - 3, EDGE + 3]);
+        assert_eq!([None, Some(true), Some(false)].map(edge), [EDGE, EDGE - RIM_WIDTH, EDGE + RIM_WIDTH]);
     }
 
     #[test]
@@ -382,30 +371,13 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_decided_without_a_sample_of_both_sides() {
+    fn what_too_little_is_seen_of_keeps_its_labels() {
+        let is_mover = |u: usize, _| u >= EDGE;
         let all = labels(|_, _| true);
-        assert!(assigned(|u, _| u >= EDGE, [RED, GREEN], &all) == all, "no surroundings");
-        let none = labels(|_, _| false);
-        assert!(assigned(|u, _| u >= EDGE, [RED, GREEN], &none) == none, "no movers");
-        let thin = labels(|u, _| u == EDGE);
-        assert!(assigned(|u, _| u >= EDGE, [RED, GREEN], &thin) == thin, "no pixel of it is out of question");
-    }
-
-    #[test]
-    fn a_histogram_keeps_its_sum_and_leaks_to_neighbours_alone() {
-        let mut histogram = Histogram::default();
-        histogram.clear();
-        let (middle, corner) = (bin([128, 128, 128]), bin([0, 0, 0]));
-        (0..8).for_each(|_| histogram.add(middle));
-        (0..2).for_each(|_| histogram.add(corner));
-        histogram.smooth();
-        assert!((histogram.counts.iter().sum::<f32>() - 10.0).abs() < 1e-4);
-        let kept = (1.0 - 2.0 * LEAKAGE).powi(3);
-        assert!((histogram.counts[middle as usize] - 8.0 * kept).abs() < 1e-4);
-        let beside = histogram.counts[middle as usize + 1];
-        assert!((beside - 8.0 * LEAKAGE * (1.0 - 2.0 * LEAKAGE).powi(2)).abs() < 1e-4);
-        assert_eq!(histogram.counts[middle as usize + 2], 0.0);
-        assert!((0..4096).all(|b| histogram.share(b) > 0.0));
+        assert!(assigned(is_mover, [RED, GREEN], &all) == all, "no surroundings");
+        let strip = |width: usize| labels(move |u, _| (EDGE..EDGE + width).contains(&u));
+        let keeps = |width: usize| assigned(|_, _| false, [RED, GREEN], &strip(width)) == strip(width);
+        assert!(keeps(2 * RIM_WIDTH), "all of it is in question");
     }
 
     #[test]
@@ -424,17 +396,43 @@ mod tests {
         assert!(!is_mover(bright, bright));
     }
 
+    fn histogram(colours: &[([u8; 3], usize)]) -> Histogram {
+        let mut histogram = Histogram::default();
+        histogram.clear();
+        colours.iter().for_each(|&(c, times)| (0..times).for_each(|_| histogram.add(bin(c))));
+        histogram
+    }
+
     #[test]
-    fn histograms_are_as_far_apart_as_they_differ() {
-        let of = |colours: &[([u8; 3], usize)]| {
-            let mut histogram = Histogram::default();
-            histogram.clear();
-            colours.iter().for_each(|&(c, times)| (0..times).for_each(|_| histogram.add(bin(c))));
-            histogram
+    fn shares_add_up_and_leak_to_neighbours_alone() {
+        let (middle, corner) = ([128; 3], [0; 3]);
+        let mut histogram = histogram(&[(middle, 800), (corner, 200)]);
+        let shares = histogram.smoothed_shares();
+        assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-4);
+        assert!(shares.iter().all(|share| *share > 0.0));
+        let (kept, seen) = (1.0 - 2.0 * LEAKAGE, 1000.0 / (1000.0 + UNSEEN));
+        let at = usize::from(bin(middle));
+        assert!((shares[at] - 0.8 * seen * kept.powi(3)).abs() < 1e-4);
+        assert!((shares[at + 1] - 0.8 * seen * LEAKAGE * kept.powi(2)).abs() < 1e-4);
+        assert!(shares[at + 2] < 1e-4);
+        assert!((shares[usize::from(bin(corner))] - 0.2 * seen * (1.0 - LEAKAGE) * kept.powi(2)).abs() < 1e-3);
+    }
+
+    #[test]
+    fn distributions_are_as_far_apart_as_they_differ() {
+        assert_eq!(distance(&[0.5, 0.5, 0.0], &[0.5, 0.5, 0.0]), 0.0);
+        assert_eq!(distance(&[0.5, 0.5, 0.0], &[0.25, 0.5, 0.25]), 0.25);
+        assert_eq!(distance(&[1.0, 0.0, 0.0], &[0.0, 0.5, 0.5]), 1.0);
+    }
+
+    #[test]
+    fn little_is_made_of_few_samples() {
+        let apart = |times: usize| {
+            let [mut red, mut green] = [histogram(&[(RED, times)]), histogram(&[(GREEN, times)])];
+            distance(red.smoothed_shares(), green.smoothed_shares())
         };
-        let red = of(&[(RED, 5)]);
-        assert_eq!([of(&[(RED, 80)]), of(&[(GREEN, 7)])].map(|h| red.distance(&h)), [0.0, 1.0]);
-        assert!((red.distance(&of(&[(RED, 30), (GREEN, 10)])) - 0.25).abs() < 1e-6);
+        assert!((apart(UNSEEN as usize) - 0.5).abs() < 1e-3);
+        assert!(apart(1000) > 0.95);
     }
 
     #[test]

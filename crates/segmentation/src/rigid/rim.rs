@@ -1,10 +1,14 @@
 //! The pixels along the outlines of labels, and those without depth that adjoin them.
 
 /// Pixels up to this far from another label belong to its rim, working pixels; a pixel beside it is at 1.
-const WIDTH: usize = 3;
+pub(crate) const RIM_WIDTH: usize = 4;
 /// A gap in the depth belongs to the rim up to this far into it, working pixels: beside somebody a metre or two away the shadow of the
 /// projector is as wide.
 const REACH: u8 = 8;
+/// More steps than that.
+const FAR: u8 = REACH + 1;
+/// Pairs of scans, down and up: with each, ways may turn against both directions once more.
+const SCANS: usize = 2;
 
 /// Marks rims.
 #[derive(Debug, Default)]
@@ -17,9 +21,6 @@ pub(crate) struct Rim {
     /// Steps through gaps from the rim to each pixel, [`FAR`] where there are too many.
     steps: Vec<u8>,
 }
-
-/// Too many steps.
-const FAR: u8 = REACH + 1;
 
 impl Rim {
     /// Whether each pixel lies on the rim of a label; as found last.
@@ -38,29 +39,31 @@ impl Rim {
         mark_steps(labels, width, beside);
         self.spread.clone_from(beside);
         for (spread, beside) in self.spread.chunks_exact_mut(width).zip(beside.chunks_exact(width)) {
-            (1..WIDTH).for_each(|distance| spread_by(beside, distance, spread));
+            (1..RIM_WIDTH).for_each(|distance| spread_by(beside, distance, spread));
         }
         self.marks.clone_from(&self.spread);
-        (1..WIDTH).for_each(|rows| spread_by(&self.spread, rows * width, &mut self.marks));
+        (1..RIM_WIDTH).for_each(|rows| spread_by(&self.spread, rows * width, &mut self.marks));
     }
 
-    /// Adds the pixels without `depth` that are joined with the rim by such pixels.
+    /// Adds the pixels without `depth` that are joined with the rim by at most [`REACH`] such pixels.
     pub(crate) fn add_gaps(&mut self, width: usize, depth: &[f32]) {
         let (marks, steps) = (&mut self.marks, &mut self.steps);
         steps.clear();
         steps.extend(marks.iter().map(|&mark| if mark { 0 } else { FAR }));
-        let through = |steps: &[u8], i: usize, before: Option<usize>, above: Option<usize>| {
+        let through = |steps: &[u8], i: usize, beside: Option<usize>, across: Option<usize>| {
             let of = |j: Option<usize>| j.and_then(|j| steps.get(j)).copied().unwrap_or(FAR);
-            steps[i].min(of(before).min(of(above)).saturating_add(1))
+            steps[i].min(of(beside).min(of(across)).saturating_add(1))
         };
         let open = |i: &usize| depth[*i] == 0.0;
-        for i in (0..depth.len()).filter(open) {
-            steps[i] = through(steps, i, (i % width > 0).then(|| i - 1), i.checked_sub(width));
+        for _ in 0..SCANS {
+            for i in (0..depth.len()).filter(open) {
+                steps[i] = through(steps, i, (i % width > 0).then(|| i - 1), i.checked_sub(width));
+            }
+            for i in (0..depth.len()).rev().filter(open) {
+                steps[i] = through(steps, i, ((i + 1) % width > 0).then_some(i + 1), Some(i + width));
+            }
         }
-        for i in (0..depth.len()).rev().filter(open) {
-            steps[i] = through(steps, i, ((i + 1) % width > 0).then_some(i + 1), Some(i + width));
-            marks[i] |= steps[i] < FAR;
-        }
+        marks.iter_mut().zip(steps.iter()).for_each(|(mark, steps)| *mark |= *steps < FAR);
     }
 }
 
@@ -88,10 +91,10 @@ mod tests {
         labels[5 * 12 - 1] = 1;
         let mut rim = Rim::default();
         rim.find(12, &labels);
-        // What is beside the pixel reaches two further, in its row and then in all columns.
+        // What is beside the pixel reaches further by the same number of columns and then of rows.
         let expected = |i: usize| match (i / 12).abs_diff(4) {
-            0..=2 => i % 12 >= 8,
-            3 => i % 12 >= 9,
+            away if away < RIM_WIDTH => i % 12 >= 11 - RIM_WIDTH,
+            RIM_WIDTH => i % 12 >= 12 - RIM_WIDTH,
             _ => false,
         };
         let wrong: Vec<usize> = (0..144).filter(|&i| rim.marks()[i] != expected(i)).collect();
@@ -100,18 +103,29 @@ mod tests {
 
     #[test]
     fn gaps_belong_to_the_rim_up_to_a_limit_and_only_where_they_adjoin_it() {
-        // Rows of 30: the mover is on the left; the second row has a gap from its rim on, the third one further away, and the first ends
-        // in a gap.
-        let labels: Vec<u16> = (0..90).map(|i| u16::from(i % 30 < 4)).collect();
-        let gap = |i: usize| (i == 29) || (36..60).contains(&i) || i >= 68;
-        let depth: Vec<f32> = (0..90).map(|i| if gap(i) { 0.0 } else { 1.0 }).collect();
-        let mut rim = Rim::default();
-        rim.find(30, &labels);
-        rim.add_gaps(30, &depth);
-        let ends: Vec<usize> =
-            rim.marks().chunks_exact(30).map(|row| row.iter().rposition(|m| *m).map_or(0, |u| u + 1)).collect();
-        let reach = usize::from(REACH);
-        assert_eq!(ends, [7, 7 + reach, 7 + reach - 1]);
-        assert!(rim.marks()[60 + 8] && !rim.marks()[60 + 7], "joined by way of the row above");
+        // Rows of 40, the mover on the left, so that its rim begins in the first column. The second row is a gap from the rim on, the third
+        // one from further away on; the first ends in a gap, which does not go on in the next row.
+        let (rim_end, reach) = (3 + RIM_WIDTH, usize::from(REACH));
+        let gap = |i: usize| i == 39 || (40 + rim_end..80).contains(&i) || i > 80 + rim_end;
+        let found = |columns: &dyn Fn(usize) -> usize| {
+            let at = |i: usize| i / 40 * 40 + columns(i % 40);
+            let depth: Vec<f32> = (0..120).map(|i| if gap(at(i)) { 0.0 } else { 1.0 }).collect();
+            let labels: Vec<u16> = (0..120).map(|i| u16::from(at(i) % 40 < 3)).collect();
+            let mut rim = Rim::default();
+            rim.find(40, &labels);
+            rim.add_gaps(40, &depth);
+            (0..120).map(|i| rim.marks()[at(i)]).collect::<Vec<_>>()
+        };
+        let expected = |i: usize| match (i / 40, i % 40) {
+            (_, u) if u < rim_end => true,
+            (1, u) => u < rim_end + reach,
+            // Joined by way of the row above.
+            (2, u) => u > rim_end && u < rim_end + reach - 1,
+            _ => false,
+        };
+        for found in [found(&|u| u), found(&|u| 39 - u)] {
+            let wrong: Vec<usize> = (0..120).filter(|&i| found[i] != expected(i)).collect();
+            assert!(wrong.is_empty(), "{wrong:?}");
+        }
     }
 }

@@ -73,7 +73,7 @@ const EDGE_SLACK: f32 = 0.01;
 /// A measurement that contradicts a point leaves this share of its confirmations.
 const KEPT_CONTRADICTED: f32 = 0.8;
 /// The same where the model has what was found to be a mover: it was taken for a part of the room before it was found, and would be
-/// explained by where it has been. Surfaces that are masked wrongly are so for a few frames only.
+/// explained by where it has been. What is masked wrongly for ten frames keeps a third.
 const KEPT_ON_MOVER: f32 = 0.9;
 /// Depth step per metre of depth across a gap of one pixel up to which its sides are one surface, and so are two points on one pixel.
 const MAX_GAP_STEP: f32 = 0.04;
@@ -136,7 +136,7 @@ impl StaticModel {
     }
 
     /// Takes in a frame. Pixels outside the `dynamic` mask (0 there) confirm the model or contradict it, by luma alone where depth is
-    /// missing; those inside only clear what they see through, and make it doubtful where it looks like one of the `movers`, of which
+    /// missing; those inside only clear what they see through, and make it doubtful where its depth is that of one of the `movers`, of which
     /// `dynamic` is a wider mask. Depths differ from `significance` standard deviations on.
     pub(crate) fn observe(
         &mut self,
@@ -359,7 +359,8 @@ mod tests {
             };
             (0..10).for_each(|_| model.confirm(5, CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
             let dynamic = vec![dynamic; CAMERA.pixels()];
-            (0..frames).for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, (&dynamic, &dynamic)));
+            (0..frames)
+                .for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, (&dynamic, &dynamic)));
             model.points()[5].gray
         };
         assert!((90.0..95.0).contains(&seen(0, 0.0, 1)), "a mover that has not been found yet is not learned at once");

@@ -172,8 +172,7 @@ mod tests {
         frame.depth.pixels_mut()[10..].fill(2.0);
         let mut given = [BACKGROUND; 15];
         given[..labels].fill(1);
-        let found =
-            Undecided::default().assign(&CAMERA, &frame, &given, findings(&[0.0; 15], &[changed; 15])).to_vec();
+        let found = Undecided::default().assign(&CAMERA, &frame, &given, findings(&[0.0; 15], &[changed; 15])).to_vec();
         let object = found.iter().take_while(|l| **l == 1).count();
         assert!(found[object..].iter().all(|l| *l == BACKGROUND), "{found:?}");
         object

@@ -181,10 +181,17 @@ impl View {
         out.assign(self.target.iter().map(|&i| small.get(i as usize).is_some_and(|&m| m != Mask::STATIC)));
     }
 
-    /// Colour of working pixel `index`, between the four camera pixels around its middle: red, green, blue.
+    /// Colour of working pixel `index`, the mean of what it covers: red, green, blue.
     pub(crate) fn colour(&self, rgb: &RgbImage, index: usize) -> [u8; 3] {
-        let (corner, pixels) = (&self.corners[index], rgb.pixels());
-        [0, 1, 2].map(|channel| corner.interpolate(|i| pixels[i][channel]))
+        let pixels = rgb.pixels();
+        let at = |corner: &Corner| [0, 1, 2].map(|channel| corner.interpolate(|i| pixels[i][channel]));
+        let per_pixel = self.grid.len() / self.corners.len().max(1);
+        if per_pixel == 0 {
+            return at(&self.corners[index]);
+        }
+        let covered = self.grid[index * per_pixel..][..per_pixel].iter().map(|corner| at(corner).map(u32::from));
+        let sum = covered.fold([0; 3], |sum, colour| [0, 1, 2].map(|channel| sum[channel] + colour[channel]));
+        sum.map(|channel| ((channel + per_pixel as u32 / 2) / per_pixel as u32) as u8)
     }
 
     /// Camera pixel under working pixel `index`.
@@ -358,12 +365,17 @@ mod tests {
             }
             let depth = DepthImage::from_metres(Image::filled(width, height, 2.0));
             let mut out = ViewFrame::default();
-            view.resample(&RgbdFrame::new(Stamp::from_nanos(0), rgb, depth).unwrap(), &mut out);
+            let frame = RgbdFrame::new(Stamp::from_nanos(0), rgb, depth).unwrap();
+            view.resample(&frame, &mut out);
             // At the border less than all of a working pixel lies in the image.
             let (columns, rows) = out.gray.size();
             let inner = (1..rows - 1).flat_map(|v| (1..columns - 1).map(move |u| (u, v)));
             let levels: Vec<u8> = inner.map(|at| out.gray[at]).collect();
             assert!(levels.iter().all(|g| (108..133).contains(g)), "{width}: {:?}", &levels[..9]);
+            let same = |&(u, v): &(usize, usize)| {
+                view.colour(frame.rgb(), v * columns + u).iter().all(|c| c.abs_diff(out.gray[(u, v)]) < 2)
+            };
+            assert!((1..rows - 1).flat_map(|v| (1..columns - 1).map(move |u| (u, v))).all(|at| same(&at)), "{width}");
         }
     }
 

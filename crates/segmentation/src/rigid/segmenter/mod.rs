@@ -99,6 +99,8 @@ struct Buffers {
     candidates: Vec<bool>,
     holes: HoleFiller,
     spare_mask: Vec<u8>,
+    /// 255 where a pixel was a mover's before colours decided: its depth is that of the mover, ragged as it may be.
+    claimed: Vec<u8>,
 }
 
 /// Frames kept for comparison: at 30 Hz about half a second.
@@ -169,8 +171,10 @@ impl RigidSegmenter {
         self.model.clear();
         self.objects.clear(self.view.camera.pixels());
         self.frames = 0;
-        self.mask.clear();
-        self.mask.resize(self.view.camera.pixels(), 0);
+        for mask in [&mut self.mask, &mut self.buffers.claimed] {
+            mask.clear();
+            mask.resize(self.view.camera.pixels(), 0);
+        }
     }
 
     /// Processes one frame; `time` in seconds.
@@ -312,9 +316,11 @@ impl RigidSegmenter {
             return;
         }
         let camera = &self.view.camera;
-        dilate(camera.width, &self.mask, &mut self.buffers.spare_mask);
+        let Buffers { spare_mask, claimed, .. } = &mut self.buffers;
+        dilate(camera.width, &self.mask, spare_mask);
+        spare_mask.iter_mut().zip(claimed.iter()).for_each(|(dynamic, claimed)| *dynamic |= claimed);
         let significance = self.config.significance as f32;
-        self.model.observe(camera, (&self.noise, significance), &self.current, (&self.mask, &self.buffers.spare_mask));
+        self.model.observe(camera, (&self.noise, significance), &self.current, (claimed, spare_mask));
     }
 
     /// Makes the current frame the previous one.

@@ -116,13 +116,17 @@ impl RigidSegmenter {
 
     /// Lets grey levels decide where depth is missing, and colours along outlines, where it is ragged.
     fn assign_undecided(&mut self, rgb: &RgbImage) {
+        let claimed = &mut self.buffers.claimed;
+        claimed.clear();
         if self.objects.list.is_empty() {
+            claimed.resize(self.view.camera.pixels(), 0);
             return;
         }
         let (view, frame, changed) = (&self.view, &self.current, &self.field.changed);
         let unmeasured = self.objects.mark_unmeasured(frame.depth.pixels());
         let found = Findings { odds: &self.objects.odds, changed, unmeasured: &unmeasured };
         let mut labels = self.undecided.assign(&view.camera, frame, &self.objects.labels, found);
+        claimed.extend(labels.iter().map(|&label| if label == BACKGROUND { 0 } else { 255 }));
         if self.config.refined_outlines {
             labels = self.colours.assign(view, (rgb, frame), changed, labels);
         }
