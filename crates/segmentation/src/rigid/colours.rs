@@ -4,10 +4,11 @@
 //!
 //! Depth alone is ragged there, and grey levels alone place an outline wherever an edge is, be it that of a stripe on a shirt.
 //!
-//! All movers share one histogram. What is so narrow that all of it is in question goes by the colours of the others: mostly it is a splinter of
-//! the background beside one of them.
+//! All movers share one histogram. What is so narrow that all of it is in question goes by the colours of the others: mostly it is a
+//! splinter of the background beside one of them.
 //!
-//! The log-odds below were compared on the sequences of the README: doubled or halved, each by itself changes their mean IoU by .004 at most.
+//! The log-odds below were compared on the sequences of the README: doubled or halved, each by itself changes their mean IoU by .005 at
+//! most.
 
 use pfd_geometry::RgbImage;
 
@@ -399,7 +400,9 @@ mod tests {
     fn histogram(colours: &[([u8; 3], usize)]) -> Histogram {
         let mut histogram = Histogram::default();
         histogram.clear();
-        colours.iter().for_each(|&(c, times)| (0..times).for_each(|_| histogram.add(bin(c))));
+        for &(colour, times) in colours {
+            (0..times).for_each(|_| histogram.add(bin(colour)));
+        }
         histogram
     }
 

@@ -365,3 +365,35 @@ impl RigidSegmenter {
         (self.config.fail_open && share > self.config.max_mask_share).then_some(FailOpenReason::MaskTooLarge { share })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pfd_geometry::{Distortion, Image};
+
+    /// Confirmations that are left of a point of the static model at 2 m that had ten, after a frame in which `z` metres are measured there:
+    /// on a pixel that was a mover's or not before colours decided that it is none.
+    fn hits_left(claimed: bool, z: f32) -> f32 {
+        let camera = Camera::new((320, 240), [260.0, 260.0, 159.5, 119.5], Distortion::default()).unwrap();
+        let mut segmenter = RigidSegmenter::new(&camera, &SegmentationConfig::default(), 0);
+        segmenter.current = ViewFrame { gray: Image::filled(320, 240, 100), depth: Image::filled(320, 240, z) };
+        let at = 100 * 320 + 100;
+        let position = segmenter.view.camera.point(at, 2.0);
+        (0..10).for_each(|_| segmenter.model.confirm(at, position, 100.0));
+        segmenter.buffers.claimed[at] = if claimed { 255 } else { 0 };
+        segmenter.update_model();
+        segmenter.model.points()[at].hits
+    }
+
+    #[test]
+    fn the_ragged_depth_of_a_mover_does_not_enter_the_static_model() {
+        assert_eq!(hits_left(true, 1.0), 10.0);
+        assert!(hits_left(false, 1.0) < 10.0);
+    }
+
+    #[test]
+    fn what_the_static_model_has_of_a_mover_becomes_doubtful() {
+        assert!(hits_left(true, 2.0) < 10.0);
+        assert_eq!(hits_left(false, 2.0), 11.0);
+    }
+}
