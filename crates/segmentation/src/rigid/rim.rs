@@ -18,6 +18,8 @@ pub(crate) struct Rim {
     beside: Vec<bool>,
     /// … or near such a pixel of its row.
     spread: Vec<bool>,
+    /// Pixels without depth.
+    gaps: Vec<u32>,
     /// Steps through gaps from the rim to each pixel, [`FAR`] where there are too many.
     steps: Vec<u8>,
 }
@@ -54,12 +56,14 @@ impl Rim {
             let of = |j: Option<usize>| j.and_then(|j| steps.get(j)).copied().unwrap_or(FAR);
             steps[i].min(of(beside).min(of(across)).saturating_add(1))
         };
-        let open = |i: &usize| depth[*i] == 0.0;
+        self.gaps.clear();
+        self.gaps.extend((0..depth.len() as u32).filter(|&i| depth[i as usize] == 0.0));
+        let gaps = || self.gaps.iter().map(|&i| i as usize);
         for _ in 0..SCANS {
-            for i in (0..depth.len()).filter(open) {
+            for i in gaps() {
                 steps[i] = through(steps, i, (i % width > 0).then(|| i - 1), i.checked_sub(width));
             }
-            for i in (0..depth.len()).rev().filter(open) {
+            for i in gaps().rev() {
                 steps[i] = through(steps, i, ((i + 1) % width > 0).then_some(i + 1), Some(i + width));
             }
         }
