@@ -85,7 +85,7 @@ impl Colours {
         let size = (view.camera.width, view.camera.height);
         let Some(window) = Window::around(size, labels) else { return &self.labels };
         self.rim.find(size.0, labels);
-        self.rim.add_gaps(size.0, frame.depth.pixels());
+        self.rim.add_gaps(size, frame.depth.pixels());
         self.sample(view, rgb, labels, &window);
         if self.movers.count < MIN_SAMPLE || self.surroundings.count < MIN_SAMPLE {
             return &self.labels;

@@ -1,14 +1,12 @@
 //! The pixels along the outlines of labels, and those without depth that adjoin them.
 
+use super::regions::neighbours;
+
 /// Pixels up to this far from another label belong to its rim, working pixels; a pixel beside it is at 1.
 pub(crate) const RIM_WIDTH: usize = 4;
 /// A gap in the depth belongs to the rim up to this far into it, working pixels: beside somebody a metre or two away the shadow of the
 /// projector is as wide.
-const REACH: u8 = 8;
-/// More steps than that.
-const FAR: u8 = REACH + 1;
-/// Pairs of scans, down and up: with each, ways may turn against both directions once more.
-const SCANS: usize = 2;
+const REACH: usize = 8;
 
 /// Marks rims.
 #[derive(Debug, Default)]
@@ -18,10 +16,10 @@ pub(crate) struct Rim {
     beside: Vec<bool>,
     /// … or near such a pixel of its row.
     spread: Vec<bool>,
-    /// Pixels without depth.
-    gaps: Vec<u32>,
-    /// Steps through gaps from the rim to each pixel, [`FAR`] where there are too many.
-    steps: Vec<u8>,
+    /// Pixels that were reached last on the way into gaps, …
+    reached: Vec<u32>,
+    /// … and those that are reached from there.
+    next: Vec<u32>,
 }
 
 impl Rim {
@@ -47,27 +45,21 @@ impl Rim {
         (1..RIM_WIDTH).for_each(|rows| spread_by(&self.spread, rows * width, &mut self.marks));
     }
 
-    /// Adds the pixels without `depth` that are joined with the rim by at most [`REACH`] such pixels.
-    pub(crate) fn add_gaps(&mut self, width: usize, depth: &[f32]) {
-        let (marks, steps) = (&mut self.marks, &mut self.steps);
-        steps.clear();
-        steps.extend(marks.iter().map(|&mark| if mark { 0 } else { FAR }));
-        let through = |steps: &[u8], i: usize, beside: Option<usize>, across: Option<usize>| {
-            let of = |j: Option<usize>| j.and_then(|j| steps.get(j)).copied().unwrap_or(FAR);
-            steps[i].min(of(beside).min(of(across)).saturating_add(1))
-        };
-        self.gaps.clear();
-        self.gaps.extend((0..depth.len() as u32).filter(|&i| depth[i as usize] == 0.0));
-        let gaps = || self.gaps.iter().map(|&i| i as usize);
-        for _ in 0..SCANS {
-            for i in gaps() {
-                steps[i] = through(steps, i, (i % width > 0).then(|| i - 1), i.checked_sub(width));
+    /// Adds the pixels without `depth` that are joined with the rim by at most [`REACH`] such pixels, in an image of this size.
+    pub(crate) fn add_gaps(&mut self, size: (usize, usize), depth: &[f32]) {
+        let (marks, reached) = (&mut self.marks, &mut self.reached);
+        reached.clear();
+        reached.extend((0..marks.len() as u32).filter(|&i| marks[i as usize]));
+        for _ in 0..REACH {
+            self.next.clear();
+            for j in reached.iter().flat_map(|&i| neighbours(size, i as usize)).flatten() {
+                if depth[j] == 0.0 && !marks[j] {
+                    marks[j] = true;
+                    self.next.push(j as u32);
+                }
             }
-            for i in gaps().rev() {
-                steps[i] = through(steps, i, ((i + 1) % width > 0).then_some(i + 1), Some(i + width));
-            }
+            std::mem::swap(reached, &mut self.next);
         }
-        marks.iter_mut().zip(steps.iter()).for_each(|(mark, steps)| *mark |= *steps < FAR);
     }
 }
 
@@ -109,7 +101,7 @@ mod tests {
     fn gaps_belong_to_the_rim_up_to_a_limit_and_only_where_they_adjoin_it() {
         // Rows of 40, the mover on the left, so that its rim begins in the first column. The second row is a gap from the rim on, the third
         // one from further away on; the first ends in a gap, which does not go on in the next row.
-        let (rim_end, reach) = (3 + RIM_WIDTH, usize::from(REACH));
+        let (rim_end, reach) = (3 + RIM_WIDTH, REACH);
         let gap = |i: usize| i == 39 || (40 + rim_end..80).contains(&i) || i > 80 + rim_end;
         let found = |columns: &dyn Fn(usize) -> usize| {
             let at = |i: usize| i / 40 * 40 + columns(i % 40);
@@ -117,7 +109,7 @@ mod tests {
             let labels: Vec<u16> = (0..120).map(|i| u16::from(at(i) % 40 < 3)).collect();
             let mut rim = Rim::default();
             rim.find(40, &labels);
-            rim.add_gaps(40, &depth);
+            rim.add_gaps((40, 3), &depth);
             (0..120).map(|i| rim.marks()[at(i)]).collect::<Vec<_>>()
         };
         let expected = |i: usize| match (i / 40, i % 40) {

@@ -64,19 +64,22 @@ impl Undecided {
         self.labels.clear();
         self.labels.extend_from_slice(labels);
         let near = near_objects(depth, labels);
-        let start = |i: usize| match depth[i] {
-            z if z > 0.0 => 0.0,
-            _ if near[labels[i] as usize] && changed[i] != Some(false) => AS_FOUND,
-            _ if labels[i] == BACKGROUND && is_static(odds[i], changed[i]) => AS_FOUND,
-            _ if odds[i] > CLEARLY_DYNAMIC && changed[i] == Some(true) && unmeasured[labels[i] as usize] => AS_FOUND,
-            _ => f32::INFINITY,
+        let start = |i: usize| {
+            let label = usize::from(labels[i]);
+            let stands = (near[label] && changed[i] != Some(false))
+                || (labels[i] == BACKGROUND && is_static(odds[i], changed[i]))
+                || (odds[i] > CLEARLY_DYNAMIC && changed[i] == Some(true) && unmeasured[label]);
+            if stands { AS_FOUND } else { f32::INFINITY }
         };
-        self.distances.clear();
-        self.distances.extend((0..depth.len()).map(start));
         self.pixels.clear();
         for (v, row) in depth.chunks_exact(width.max(1)).enumerate() {
             let open = row.iter().enumerate().filter(|(_, z)| **z == 0.0);
             self.pixels.extend(open.map(|(u, _)| [u as u16, v as u16]));
+        }
+        self.distances.clear();
+        self.distances.resize(depth.len(), 0.0);
+        for i in self.pixels.iter().map(|&[u, v]| usize::from(v) * width + usize::from(u)) {
+            self.distances[i] = start(i);
         }
         let (distances, labels) = (&mut self.distances[..], &mut self.labels[..]);
         let mut paths = Paths { gray: frame.gray.pixels(), changed, distances, labels };
