@@ -198,7 +198,7 @@ pub struct PfdConfig {
     pub rigid_planes: bool,
     /// Corners that move together speak for the surface around them.
     pub moving_corners: bool,
-    /// Give what lies along the outlines of what moves to the side that has its colours: depth is ragged there.
+    /// Give what lies along the outlines of what moves, and in gaps of the depth there, to the side that has its colours: depth is ragged.
     pub refined_outlines: bool,
     /// Carry regions through time.
     pub temporal: bool,

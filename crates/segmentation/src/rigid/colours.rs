@@ -373,12 +373,12 @@ mod tests {
 
     #[test]
     fn what_too_little_is_seen_of_keeps_its_labels() {
-        let is_mover = |u: usize, _| u >= EDGE;
-        let all = labels(|_, _| true);
-        assert!(assigned(is_mover, [RED, GREEN], &all) == all, "no surroundings");
-        let strip = |width: usize| labels(move |u, _| (EDGE..EDGE + width).contains(&u));
-        let keeps = |width: usize| assigned(|_, _| false, [RED, GREEN], &strip(width)) == strip(width);
-        assert!(keeps(2 * RIM_WIDTH), "all of it is in question");
+        // A strip so narrow that all of it is in question, in the colour of what lies around it.
+        let strip = |u: usize| (EDGE..EDGE + 2 * RIM_WIDTH).contains(&u);
+        for mover_is_narrow in [true, false] {
+            let given = labels(|u, _| strip(u) == mover_is_narrow);
+            assert!(assigned(|_, _| true, [RED, RED], &given) == given, "{mover_is_narrow}");
+        }
     }
 
     #[test]

@@ -184,14 +184,22 @@ impl View {
     /// Colour of working pixel `index`, the mean of what it covers: red, green, blue.
     pub(crate) fn colour(&self, rgb: &RgbImage, index: usize) -> [u8; 3] {
         let pixels = rgb.pixels();
-        let at = |corner: &Corner| [0, 1, 2].map(|channel| corner.interpolate(|i| pixels[i][channel]));
-        let per_pixel = self.grid.len() / self.corners.len().max(1);
+        let covered = self.covered(index);
+        let count = covered.len() as u32;
+        [0, 1, 2].map(|channel| {
+            let values = covered.iter().map(|corner| u32::from(corner.interpolate(|i| pixels[i][channel])));
+            ((values.sum::<u32>() + count / 2) / count) as u8
+        })
+    }
+
+    /// What makes the mean of all that working pixel `index` covers.
+    fn covered(&self, index: usize) -> &[Corner] {
+        let per_pixel = self.grid.len() / self.corners.len();
         if per_pixel == 0 {
-            return at(&self.corners[index]);
+            std::slice::from_ref(&self.corners[index])
+        } else {
+            &self.grid[index * per_pixel..][..per_pixel]
         }
-        let covered = self.grid[index * per_pixel..][..per_pixel].iter().map(|corner| at(corner).map(u32::from));
-        let sum = covered.fold([0; 3], |sum, colour| [0, 1, 2].map(|channel| sum[channel] + colour[channel]));
-        sum.map(|channel| ((channel + per_pixel as u32 / 2) / per_pixel as u32) as u8)
     }
 
     /// Camera pixel under working pixel `index`.
