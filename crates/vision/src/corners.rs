@@ -9,6 +9,10 @@ use crate::convert::gray_as_mat;
 
 /// Side of the structure tensor's window, pixels.
 const BLOCK: i32 = 3;
+/// Side of the Sobel operator, pixels.
+const APERTURE: i32 = 3;
+/// Rows beside a band that its structure tensors reach into. What the Sobel operator reaches beyond, OpenCV takes from the whole image.
+const MARGIN: usize = BLOCK as usize / 2;
 
 /// The strongest corners of an image, at least `distance` pixels apart and at least `quality` times as strong as the
 /// strongest.
@@ -52,28 +56,38 @@ impl GridCorners {
         border: usize,
         excluded: Option<&Mask>,
     ) -> Result<Vec<[f32; 2]>, VisionError> {
-        corner_min_eigen_val(&gray_as_mat(gray)?, &mut self.strength, BLOCK, 3, BORDER_DEFAULT)?;
-        let mut corners = Vec::new();
-        if !self.strength.is_continuous() {
-            return Ok(corners);
-        }
-        let strength: &[f32] = self.strength.data_typed()?;
+        let image = gray_as_mat(gray)?;
         let (width, height) = gray.size();
         let (right, bottom) = (width.saturating_sub(border), height.saturating_sub(border));
+        let mut corners = Vec::new();
         for top in (border..bottom).step_by(self.cell) {
+            let rows = top..(top + self.cell).min(bottom);
+            // One row of cells at a time: intermediate results of the whole image are megabytes, which OpenCV allocates anew and many an
+            // allocator gives back to the system each time.
+            let first = rows.start.saturating_sub(MARGIN);
+            let band = image.row_bounds(first as i32, (rows.end + MARGIN).min(height) as i32)?;
+            corner_min_eigen_val(&band, &mut self.strength, BLOCK, APERTURE, BORDER_DEFAULT)?;
+            let strength = Strength { values: self.strength.data_typed()?, width, first };
             for left in (border..right).step_by(self.cell) {
-                let cell = (left..(left + self.cell).min(right), top..(top + self.cell).min(bottom));
-                corners.extend(best_of_cell(strength, width, cell, self.min_strength, excluded));
+                let cell = (left..(left + self.cell).min(right), rows.clone());
+                corners.extend(best_of_cell(&strength, cell, self.min_strength, excluded));
             }
         }
         Ok(corners)
     }
 }
 
+/// Strength of corners in some rows of an image.
+struct Strength<'a> {
+    values: &'a [f32],
+    width: usize,
+    /// The first of these rows.
+    first: usize,
+}
+
 /// The strongest corner in columns × rows, if any is strong enough.
 fn best_of_cell(
-    strength: &[f32],
-    width: usize,
+    strength: &Strength<'_>,
     (columns, rows): (std::ops::Range<usize>, std::ops::Range<usize>),
     min_strength: f32,
     excluded: Option<&Mask>,
@@ -81,8 +95,9 @@ fn best_of_cell(
     let mut best = None;
     let mut best_strength = min_strength;
     for v in rows {
+        let row = &strength.values[(v - strength.first) * strength.width..][..strength.width];
         for u in columns.clone() {
-            let s = strength[v * width + u];
+            let s = row[u];
             if s > best_strength && !excluded.is_some_and(|m| m.is_dynamic(u, v)) {
                 (best, best_strength) = (Some([u as f32, v as f32]), s);
             }
@@ -114,6 +129,23 @@ mod tests {
         for [x, y] in corners {
             assert!([20.0, 39.0].iter().any(|c: &f32| (c - x).abs() < 2.0), "{x}");
             assert!([20.0, 39.0].iter().any(|c: &f32| (c - y).abs() < 2.0), "{y}");
+        }
+    }
+
+    #[test]
+    fn corners_of_bands_are_those_of_the_whole_image() {
+        let noise = |i: usize| (i as u32).wrapping_mul(2_654_435_761).rotate_left(13).wrapping_mul(0x85eb_ca6b) as u8;
+        let image = GrayImage::from_vec(50, 41, (0..50 * 41).map(noise).collect()).unwrap();
+        let mut whole = Mat::default();
+        corner_min_eigen_val(&gray_as_mat(&image).unwrap(), &mut whole, BLOCK, APERTURE, BORDER_DEFAULT).unwrap();
+        let strength = Strength { values: whole.data_typed().unwrap(), width: 50, first: 0 };
+        for border in [0, 4] {
+            let cells = (border..41 - border).step_by(8).flat_map(|v| {
+                let end = move |start: usize, size: usize| start..(start + 8).min(size - border);
+                (border..50 - border).step_by(8).map(move |u| (end(u, 50), end(v, 41)))
+            });
+            let expected: Vec<_> = cells.filter_map(|cell| best_of_cell(&strength, cell, 1e-4, None)).collect();
+            assert_eq!(GridCorners::new(8, 1e-4).find(&image, border, None).unwrap(), expected);
         }
     }
 

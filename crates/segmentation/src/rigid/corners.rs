@@ -17,6 +17,10 @@ const BORDER: usize = 4;
 /// Forward and backward tracking must agree within this, working pixels.
 const ROUND_TRIP: f32 = 0.6;
 
+/// Pyramid levels above the image on the way back, which starts where it should end: a corner that slid further than the two windows there
+/// reach fails either way. With all three levels as many masks are right, for a twentieth of the segmentation's time.
+const BACKWARD_LEVELS: i32 = 1;
+
 /// A corner found again.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Correspondence {
@@ -64,7 +68,8 @@ impl CornerTracker {
         let forward = track_points(&self.previous, &self.current, &self.corners, Some(&predicted), &self.options)?;
         let pairs = self.corners.iter().zip(&forward);
         let (from, to): (Vec<_>, Vec<_>) = pairs.filter_map(|(&f, t)| t.map(|t| (f, t))).unzip();
-        let backward = track_points(&self.current, &self.previous, &to, Some(&from), &self.options)?;
+        let back = FlowOptions { levels: BACKWARD_LEVELS, ..self.options };
+        let backward = track_points(&self.current, &self.previous, &to, Some(&from), &back)?;
         let found = from.iter().zip(&to).zip(&backward).filter_map(|((&from, &to), back)| {
             let back = (*back)?;
             let near = (back[0] - from[0]).hypot(back[1] - from[1]) < ROUND_TRIP;

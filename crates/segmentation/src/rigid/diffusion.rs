@@ -8,10 +8,12 @@ use super::view::{Pinhole, ViewFrame};
 /// How easily evidence passes between neighbouring pixels, 0 (an edge) to 1.
 #[derive(Debug, Default)]
 pub(crate) struct Conductance {
-    /// From pixel `i - 1` to `i`.
-    horizontal: Vec<f32>,
+    /// From the pixel on the left, column by column of each strip of [`ROWS`] rows.
+    horizontal: Vec<[f32; ROWS]>,
     /// From the pixel above to `i`.
     vertical: Vec<f32>,
+    /// A strip that is being filtered, column by column.
+    strip: Vec<[[f32; 2]; ROWS]>,
 }
 
 /// What stops the diffusion.
@@ -27,8 +29,8 @@ pub(crate) struct EdgeScales {
 
 /// Depth change per metre of depth between neighbouring pixels of a surface seen at a grazing angle (75° and more, by the focal length).
 const SLOPE: f32 = 0.015;
-/// Rows that are filtered together.
-const ROWS: usize = 4;
+/// Rows that are filtered together: each value waits for the one beside it, and other rows fill the wait.
+const ROWS: usize = 8;
 /// Distance in standard deviations that a border between measured and missing depth stands for.
 const MISSING_STEP: f32 = 1.0;
 
@@ -36,15 +38,15 @@ impl Conductance {
     /// Recomputes the conductance for a frame.
     pub(crate) fn update(&mut self, camera: &Pinhole, noise: &DepthNoise, frame: &ViewFrame, scales: &EdgeScales) {
         let (width, count) = (camera.width, camera.pixels());
-        self.horizontal.resize(count, 0.0);
+        self.horizontal.clear();
+        self.horizontal.resize(width * camera.height.div_ceil(ROWS), [0.0; ROWS]);
         self.vertical.resize(count, 0.0);
         let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());
         let passage = Passage::new(noise, scales);
-        for (v, row) in self.horizontal.chunks_exact_mut(width).enumerate() {
-            let (d, g) = (&depth[v * width..(v + 1) * width], &gray[v * width..(v + 1) * width]);
-            row[0] = 0.0;
-            for ((a, d), g) in row[1..].iter_mut().zip(d.windows(2)).zip(g.windows(2)) {
-                *a = passage.between((d[0], d[1]), (g[0], g[1]));
+        for (v, (d, g)) in depth.chunks_exact(width).zip(gray.chunks_exact(width)).enumerate() {
+            let columns = &mut self.horizontal[v / ROWS * width..][1..width];
+            for ((a, d), g) in columns.iter_mut().zip(d.windows(2)).zip(g.windows(2)) {
+                a[v % ROWS] = passage.between((d[0], d[1]), (g[0], g[1]));
             }
         }
         self.vertical[..width.min(count)].fill(0.0);
@@ -55,26 +57,23 @@ impl Conductance {
     }
 
     /// Diffuses evidence and weight, interleaved as `[evidence, weight]`.
-    pub(crate) fn diffuse(&self, width: usize, field: &mut [[f32; 2]], iterations: usize) {
+    pub(crate) fn diffuse(&mut self, width: usize, field: &mut [[f32; 2]], iterations: usize) {
         for _ in 0..iterations {
             self.rows(width, field);
             self.columns(width, field);
         }
     }
 
-    /// Several rows at a time: each value waits for the one beside it, and other rows fill the wait.
-    fn rows(&self, width: usize, field: &mut [[f32; 2]]) {
-        for (rows, a) in field.chunks_mut(ROWS * width).zip(self.horizontal.chunks(ROWS * width)) {
-            let starts = (0..rows.len()).step_by(width);
-            for u in 1..width {
-                for i in starts.clone().map(|start| start + u) {
-                    rows[i] = blend(rows[i], rows[i - 1], a[i]);
-                }
+    fn rows(&mut self, width: usize, field: &mut [[f32; 2]]) {
+        let strip = &mut self.strip;
+        strip.resize(width, [[0.0; 2]; ROWS]);
+        for (rows, conductance) in field.chunks_mut(ROWS * width).zip(self.horizontal.chunks_exact(width)) {
+            for (k, row) in rows.chunks_exact(width).enumerate() {
+                strip.iter_mut().zip(row).for_each(|(column, cell)| column[k] = *cell);
             }
-            for u in (1..width).rev() {
-                for i in starts.clone().map(|start| start + u) {
-                    rows[i - 1] = blend(rows[i - 1], rows[i], a[i]);
-                }
+            filter_strip(strip, conductance);
+            for (k, row) in rows.chunks_exact_mut(width).enumerate() {
+                row.iter_mut().zip(&*strip).for_each(|(cell, column)| *cell = column[k]);
             }
         }
     }
@@ -127,6 +126,17 @@ impl Passage {
         let x = std::f32::consts::SQRT_2 * (1.0 / self.radius + depth_step * depth_step + gray_step);
         1.0 / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
     }
+}
+
+/// Filters the rows of a strip, there and back.
+fn filter_strip(strip: &mut [[[f32; 2]; ROWS]], conductance: &[[f32; ROWS]]) {
+    let Some(&(mut last)) = strip.first() else { return };
+    let mut pass = |column: &mut [[f32; 2]; ROWS], a: &[f32; ROWS]| {
+        last = std::array::from_fn(|k| blend(column[k], last[k], a[k]));
+        *column = last;
+    };
+    strip.iter_mut().zip(conductance).skip(1).for_each(|(column, a)| pass(column, a));
+    strip.iter_mut().zip(&conductance[1..]).rev().for_each(|(column, a)| pass(column, a));
 }
 
 fn blend(own: [f32; 2], other: [f32; 2], a: f32) -> [f32; 2] {

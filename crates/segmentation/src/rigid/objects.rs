@@ -260,6 +260,9 @@ impl Objects {
 
     /// Extends each object over the surfaces of which it is the owner.
     pub(crate) fn extend(&mut self, surfaces: &Surfaces, owners: &[u16]) {
+        if owners.iter().all(|owner| *owner == BACKGROUND) {
+            return;
+        }
         for (i, &surface) in surfaces.labels.iter().enumerate() {
             if self.labels[i] != BACKGROUND || surface == NO_SURFACE || owners[surface as usize] == BACKGROUND {
                 continue;

@@ -128,13 +128,17 @@ impl Surface {
         (self.columns[1] - self.columns[0] + 1) as f32 * z / camera.fx
     }
 
-    /// Adds a pixel of column `u` and depth `z`.
-    fn add(&mut self, u: u32, z: f32) {
-        let [left, right] = if self.pixels == 0 { [u, u] } else { self.columns };
-        self.columns = [left.min(u), right.max(u)];
-        self.pixels += 1;
-        self.depth += z;
-        self.squares += z * z;
+    /// Adds pixels of a row, from column `first` on, of these depths.
+    fn add(&mut self, first: u32, depths: &[f32]) {
+        let count = depths.len() as u32;
+        let last = (first + count).saturating_sub(1);
+        let [left, right] = if self.pixels == 0 { [first, last] } else { self.columns };
+        self.columns = [left.min(first), right.max(last)];
+        self.pixels += count;
+        for z in depths {
+            self.depth += z;
+            self.squares += z * z;
+        }
     }
 
     fn forget_standing(&mut self) {
@@ -150,18 +154,28 @@ impl Surfaces {
         self.number(camera.width, relief);
     }
 
-    /// Finds how the surfaces stand. `doubt` is the share of evidence for motion, `None` for pixels that are known to move.
-    pub(crate) fn describe(&mut self, camera: &Pinhole, relief: &Relief<'_>, doubt: impl Fn(usize) -> Option<f32>) {
+    /// Finds how those surfaces stand that are `asked` for. `doubt` is the share of evidence for motion, `None` for pixels that are known to
+    /// move.
+    pub(crate) fn describe(
+        &mut self,
+        camera: &Pinhole,
+        relief: &Relief<'_>,
+        asked: &[bool],
+        doubt: impl Fn(usize) -> Option<f32>,
+    ) {
         for surface in &mut self.list {
             surface.forget_standing();
         }
         for (i, &label) in self.labels.iter().enumerate() {
-            if let (Some(surface), Some(doubt)) = (self.list.get_mut(label as usize), doubt(i)) {
-                surface.still += 1;
-                surface.doubt += doubt;
+            if !asked.get(label as usize).is_some_and(|asked| *asked) {
+                continue;
+            }
+            if let Some(doubt) = doubt(i) {
+                self.list[label as usize].still += 1;
+                self.list[label as usize].doubt += doubt;
             }
         }
-        self.judge_borders(camera.width, relief, &|i| doubt(i).is_some());
+        self.judge_borders(camera.width, relief, asked, &|i| doubt(i).is_some());
     }
 
     /// The surface's pixels.
@@ -199,10 +213,10 @@ impl Surfaces {
                     self.parents.len() as u32 - 1
                 };
                 self.labels[i] = run;
-                if i >= width && relief.connects(i, i - width) {
+                if i >= width {
                     let contact = (run, self.labels[i - width]);
                     // Two runs mostly touch along many pixels.
-                    if contact != joined {
+                    if contact != joined && relief.connects(i, i - width) {
                         join(&mut self.parents, contact.0, contact.1);
                         joined = contact;
                     }
@@ -211,27 +225,43 @@ impl Surfaces {
         }
     }
 
-    /// From indices of runs to surfaces.
+    /// From indices of runs to surfaces, in the order of their first pixels.
     fn number(&mut self, width: usize, relief: &Relief<'_>) {
         self.list.clear();
         self.surface_of_run.clear();
-        self.surface_of_run.resize(self.parents.len(), NO_SURFACE);
+        for run in 0..self.parents.len() as u32 {
+            let first = root(&mut self.parents, run);
+            // The first run of a surface is its root.
+            if first == run {
+                self.surface_of_run.push(self.list.len() as u32);
+                self.list.push(Surface::default());
+            } else {
+                self.surface_of_run.push(self.surface_of_run[first as usize]);
+            }
+        }
         for (v, labels) in self.labels.chunks_exact_mut(width.max(1)).enumerate() {
-            for (u, label) in labels.iter_mut().enumerate().filter(|(_, label)| **label != NO_SURFACE) {
-                let i = v * width + u;
-                let first = root(&mut self.parents, *label) as usize;
-                if self.surface_of_run[first] == NO_SURFACE {
-                    self.surface_of_run[first] = self.list.len() as u32;
-                    self.list.push(Surface { on_plane: relief.planes[i] != NO_PLANE, ..Surface::default() });
+            let mut u = 0;
+            for run in labels.chunk_by_mut(|a, b| a == b) {
+                let pixels = v * width + u..v * width + u + run.len();
+                if run[0] != NO_SURFACE {
+                    run.fill(self.surface_of_run[run[0] as usize]);
+                    let surface = &mut self.list[run[0] as usize];
+                    surface.on_plane = relief.planes[pixels.start] != NO_PLANE;
+                    surface.add(u as u32, &relief.depth[pixels]);
                 }
-                *label = self.surface_of_run[first];
-                self.list[*label as usize].add(u as u32, relief.depth[i]);
+                u += run.len();
             }
         }
     }
 
     /// Counts who is in front along every row and column; pixels without depth in between are skipped.
-    fn judge_borders(&mut self, width: usize, relief: &Relief<'_>, still: &impl Fn(usize) -> bool) {
+    fn judge_borders(
+        &mut self,
+        width: usize,
+        relief: &Relief<'_>,
+        asked: &[bool],
+        still: &impl Fn(usize) -> bool,
+    ) {
         let depth = relief.depth;
         self.above.clear();
         self.above.resize(width, None);
@@ -240,25 +270,27 @@ impl Surfaces {
             for u in 0..width {
                 let i = v * width + u;
                 if depth[i] > 0.0 {
-                    self.judge_step(left.replace(i), i, relief, still);
-                    let above = self.above[u].replace(i);
-                    self.judge_step(above, i, relief, still);
+                    for before in [left.replace(i), self.above[u].replace(i)].into_iter().flatten() {
+                        let [one, other] = [before, i].map(|i| self.labels[i]);
+                        if one != other && (asked[one as usize] || asked[other as usize]) {
+                            self.judge_step(before, i, relief, still);
+                        }
+                    }
                 }
             }
         }
     }
 
-    fn judge_step(&mut self, before: Option<usize>, i: usize, relief: &Relief<'_>, still: &impl Fn(usize) -> bool) {
-        match before {
-            Some(b) if self.labels[b] == self.labels[i] => {}
-            Some(b) if relief.touches(b, i) => {
-                for j in [b, i] {
-                    self.list[self.labels[j] as usize].touching += u32::from(still(j));
-                }
+    /// Counts for two surfaces what two pixels of them, with nothing measured in between, say of which one is in front.
+    fn judge_step(&mut self, before: usize, i: usize, relief: &Relief<'_>, still: &impl Fn(usize) -> bool) {
+        if relief.touches(before, i) {
+            for j in [before, i] {
+                self.list[self.labels[j] as usize].touching += u32::from(still(j));
             }
-            Some(b) if relief.depth[b] < relief.depth[i] => self.count_border(b, i, still),
-            Some(b) => self.count_border(i, b, still),
-            None => {}
+        } else if relief.depth[before] < relief.depth[i] {
+            self.count_border(before, i, still);
+        } else {
+            self.count_border(i, before, still);
         }
     }
 
@@ -286,7 +318,8 @@ mod tests {
         let (depth, planes) = ([row, row].concat(), [planes, planes].concat());
         let relief = Relief::new(&DepthNoise::default(), &depth, &planes);
         surfaces.find(&CAMERA, &relief);
-        surfaces.describe(&CAMERA, &relief, |_| Some(doubt));
+        let all = vec![true; surfaces.list.len()];
+        surfaces.describe(&CAMERA, &relief, &all, |_| Some(doubt));
         surfaces
     }
 

@@ -7,7 +7,7 @@ use super::motion::CornerMove;
 use super::objects::Objects;
 use super::planes::planar_share;
 use super::regions::BACKGROUND;
-use super::surfaces::{Standing, Surfaces};
+use super::surfaces::{Standing, Surface, Surfaces};
 use super::view::Pinhole;
 use super::votes::Votes;
 
@@ -81,7 +81,17 @@ pub(crate) fn settle_planes(
     objects.extend(surfaces, &owners);
 }
 
-/// For each surface the label of the object that it belongs to as a whole, or [`BACKGROUND`].
+/// For each surface, whether so much of it moves that all of it may.
+pub(crate) fn candidates(objects: &Objects, surfaces: &Surfaces) -> Vec<bool> {
+    let owners = objects.owners(surfaces, |index, moving| moves_in_part(&surfaces.list[index], moving));
+    owners.into_iter().map(|owner| owner != BACKGROUND).collect()
+}
+
+fn moves_in_part(surface: &Surface, moving: u32) -> bool {
+    moving as f32 > MOVING_PART * surface.pixels as f32
+}
+
+/// For each surface the label of the object that it belongs to as a whole, or [`BACKGROUND`]. How its [`candidates`] stand must be known.
 pub(crate) fn owners(
     objects: &Objects,
     surfaces: &Surfaces,
@@ -97,7 +107,7 @@ pub(crate) fn owners(
             planar_share(&points, noise, rng) < MAX_PLANAR
         };
         let whole = |rng| share > MOSTLY_MOVING || curved(rng);
-        share > MOVING_PART && surface.is_thing(camera, PARTLY_MOVING) && whole(&mut *rng)
+        moves_in_part(surface, moving) && surface.is_thing(camera, PARTLY_MOVING) && whole(&mut *rng)
     })
 }
 

@@ -104,7 +104,7 @@ impl RigidSegmenter {
         }
         let (camera, relief) =
             (&self.view.camera, Relief::new(&self.noise, self.current.depth.pixels(), &self.planes.labels));
-        self.surfaces.describe(camera, &relief, |_| Some(1.0));
+        self.surfaces.describe(camera, &relief, &moves, |_| Some(1.0));
         things::are_things(&self.surfaces, camera, &mut moves);
         let apart = things::majority(&self.surfaces, corners, |c| self.field.stands_apart(c.to));
         for (i, &surface) in self.surfaces.labels.iter().enumerate() {

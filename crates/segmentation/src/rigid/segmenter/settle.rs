@@ -102,13 +102,18 @@ impl RigidSegmenter {
         if !self.config.whole_things || self.objects.list.is_empty() {
             return;
         }
+        let candidates = things::candidates(&self.objects, &self.surfaces);
+        if !candidates.contains(&true) {
+            return;
+        }
         let camera = self.view.camera;
         let (labels, cells, explained) = (&self.objects.labels, &self.field.cells, &self.field.explained);
         // What the static model explains is not in doubt, whatever evidence has come to it from a mover beside it.
         let share = |i: usize| (1.0 - explained[i]) * cells[i][0] / (cells[i][1] + PRIOR);
         let doubt = |i: usize| (labels[i] == BACKGROUND).then(|| share(i));
         let depth = self.current.depth.pixels();
-        self.surfaces.describe(&camera, &Relief::new(&self.noise, depth, &self.planes.labels), doubt);
+        let relief = Relief::new(&self.noise, depth, &self.planes.labels);
+        self.surfaces.describe(&camera, &relief, &candidates, doubt);
         let mut rng = Pcg64Mcg::seed_from_u64(self.seed ^ self.frames as u64);
         let owners = things::owners(&self.objects, &self.surfaces, (&camera, &self.noise, depth), &mut rng);
         self.objects.extend(&self.surfaces, &owners);
