@@ -38,7 +38,6 @@ impl Conductance {
     /// Recomputes the conductance for a frame.
     pub(crate) fn update(&mut self, camera: &Pinhole, noise: &DepthNoise, frame: &ViewFrame, scales: &EdgeScales) {
         let (width, count) = (camera.width, camera.pixels());
-        self.horizontal.clear();
         self.horizontal.resize(width * camera.height.div_ceil(ROWS), [0.0; ROWS]);
         self.vertical.resize(count, 0.0);
         let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());

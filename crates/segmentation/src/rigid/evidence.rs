@@ -192,6 +192,29 @@ pub(crate) struct Scene<'a> {
     pub(crate) carried: &'a [u16],
     /// Standard deviations from which a difference counts.
     pub(crate) significance: f32,
+    pub(crate) tolerance: Tolerance,
+}
+
+/// Significant differences of two depths.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tolerance {
+    sigmas: f32,
+    offset: f32,
+    quadratic: f32,
+}
+
+impl Tolerance {
+    /// From so many standard deviations on.
+    pub(crate) fn new(noise: &DepthNoise, significance: f32) -> Self {
+        let (offset, quadratic) = (noise.offset as f32, noise.quadratic as f32);
+        Self { sigmas: significance * std::f32::consts::SQRT_2, offset, quadratic }
+    }
+
+    /// Around `z`; metres.
+    #[inline]
+    pub(crate) fn at(&self, z: f32) -> f32 {
+        self.sigmas * (self.offset + self.quadratic * z * z) + RELATIVE_ERROR * z
+    }
 }
 
 /// An earlier frame to compare with.
@@ -234,19 +257,13 @@ impl Scene<'_> {
     fn relation(&self, z: f32, [near, far]: [f32; 2], shift: f32) -> Relation {
         let slope = (far - near) / (2 * RANGE_RADIUS) as f32;
         let slack = shift * slope.min(MAX_SLOPE * near);
-        if z < near - self.tolerance(near) - slack {
+        if z < near - self.tolerance.at(near) - slack {
             Relation::Nearer
-        } else if z > far + self.tolerance(far) + slack {
+        } else if z > far + self.tolerance.at(far) + slack {
             Relation::Farther
         } else {
             Relation::Same
         }
-    }
-
-    /// Significant difference of two depths around `z`, metres.
-    pub(crate) fn tolerance(&self, z: f32) -> f32 {
-        let (offset, quadratic) = (self.noise.offset as f32, self.noise.quadratic as f32);
-        self.significance * std::f32::consts::SQRT_2 * (offset + quadratic * z * z) + RELATIVE_ERROR * z
     }
 
     /// Whether the pixel lies on the near side of a depth edge: where agreeing depth pins the surface down.
@@ -256,7 +273,7 @@ impl Scene<'_> {
     }
 
     fn has_edge(&self, near: f32, far: f32) -> bool {
-        far - near > self.tolerance(near) + EDGE * near
+        far - near > self.tolerance.at(near) + EDGE * near
     }
 
     fn is_usable(&self, z: f32) -> bool {
@@ -424,7 +441,7 @@ impl Scene<'_> {
         let pixels = self.frame.depth.pixels().iter().zip(self.frame.gray.pixels());
         for (point, (&z, &gray)) in model.iter().zip(pixels).step_by(LUMA_SAMPLING) {
             let difference = f32::from(gray) - point.gray;
-            let same = point.is_known() && (z - point.position[2]).abs() < self.tolerance(z);
+            let same = point.is_known() && (z - point.position[2]).abs() < self.tolerance.at(z);
             if same && difference.abs() < LUMA_TOLERANCE * 2.0 {
                 sum += difference;
                 count += 1.0;
@@ -535,6 +552,7 @@ mod tests {
             filled: frame.depth.pixels(),
             carried: &vec![BACKGROUND; CAMERA.pixels()],
             significance: 3.5,
+            tolerance: Tolerance::new(&DepthNoise::default(), 3.5),
         };
         let warp = Warp::Rigid(Motion::from(&Pose::identity()));
         let earlier = Earlier { appearance: then, warp, pixel_sigma: 0.4, shift: 0.0, exposure: 10.0, trust: 1.0 };

@@ -33,6 +33,17 @@ pub(crate) struct Object {
     pub(crate) peak: f32,
 }
 
+/// What a frame says of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fresh {
+    /// Share of the information that speaks for motion, …
+    pub(crate) share: f32,
+    /// … and its amount.
+    pub(crate) weight: f32,
+    /// How surely the static model explains the pixel, 0 to 1.
+    pub(crate) explained: f32,
+}
+
 /// How log-odds are updated.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Policy {
@@ -72,26 +83,29 @@ impl Objects {
         &self.carried
     }
 
-    /// Updates the log-odds of pixel `i` by fresh evidence: `share` of the information speaks for motion, `weight` is its
-    /// amount, `explained` how surely the static model explains the pixel. Where nothing moved, doubts of the last frame remain.
+    /// Updates the log-odds of all pixels by fresh evidence. Where nothing moved, doubts of the last frame remain.
     /// What was established to move and is not explained by the static model is let go slowly, and what is explained at once: unless fresh
     /// evidence says so again, a mover has passed it.
-    pub(crate) fn update_odds(&mut self, i: usize, (share, weight): (f32, f32), explained: f32, policy: Policy) {
-        let label = self.carried[i];
-        let remembered = policy.memory && label != BACKGROUND;
-        let (doubt, confidence) = if remembered {
-            (self.carried_odds[i], self.confidences.get(label as usize).copied().unwrap_or(0.0))
-        } else {
-            (if policy.memory { self.suspicion[i] } else { INITIAL_ODDS }, 0.0)
-        };
-        let change = GAIN * 2.0 * (share - policy.threshold) * weight / (weight + HALF_WEIGHT);
-        let hold = if change < 0.0 {
-            1.0 - HOLD * confidence * (1.0 - explained) * HOLD_WEIGHT / (HOLD_WEIGHT + weight)
-        } else {
-            1.0
-        };
-        let before = if doubt > 0.0 { doubt * (1.0 - explained) } else { doubt };
-        self.odds[i] = (before + change * hold).clamp(-MAX_ODDS, MAX_ODDS);
+    pub(crate) fn update_odds(&mut self, evidence: impl Iterator<Item = Fresh>, policy: Policy) {
+        let before = self.carried.iter().zip(&self.carried_odds).zip(&self.suspicion);
+        for ((odds, fresh), ((&label, &carried), &suspicion)) in self.odds.iter_mut().zip(evidence).zip(before) {
+            let Fresh { share, weight, explained } = fresh;
+            let change = GAIN * 2.0 * (share - policy.threshold) * weight / (weight + HALF_WEIGHT);
+            let is_known = policy.memory && label != BACKGROUND;
+            let doubt = match policy.memory {
+                true if is_known => carried,
+                true => suspicion,
+                false => INITIAL_ODDS,
+            };
+            let hold = if is_known && change < 0.0 {
+                let confidence = self.confidences.get(label as usize).copied().unwrap_or(0.0);
+                1.0 - HOLD * confidence * (1.0 - explained) * HOLD_WEIGHT / (HOLD_WEIGHT + weight)
+            } else {
+                1.0
+            };
+            let before = if doubt > 0.0 { doubt * (1.0 - explained) } else { doubt };
+            *odds = (before + change * hold).clamp(-MAX_ODDS, MAX_ODDS);
+        }
     }
 }
 
@@ -442,7 +456,8 @@ mod tests {
         objects.clear(2);
         for _ in 0..frames {
             objects.look_back(Some);
-            objects.update_odds(1, (share, 0.2), 0.0, Policy { threshold: 0.5, memory });
+            let fresh = Fresh { share, weight: 0.2, explained: 0.0 };
+            objects.update_odds([fresh; 2].into_iter(), Policy { threshold: 0.5, memory });
         }
         objects.odds[1]
     }
@@ -462,7 +477,8 @@ mod tests {
             objects.clear(1);
             objects.confidences = vec![0.0, 1.0];
             (objects.carried[0], objects.carried_odds[0]) = (1, MAX_ODDS);
-            objects.update_odds(0, (share, 0.2), explained, Policy { threshold: 0.5, memory: true });
+            let fresh = Fresh { share, weight: 0.2, explained };
+            objects.update_odds([fresh].into_iter(), Policy { threshold: 0.5, memory: true });
             objects.odds[0]
         };
         assert!(odds(0.0, 0.0) > 0.0 && odds(1.0, 0.0) < 0.0);

@@ -96,7 +96,7 @@ impl Appearance {
         &mut self,
         frame: &ViewFrame,
         remove_mean: bool,
-        spare: &mut [Vec<f32>; 2],
+        spare: &mut RangeBuffers,
     ) -> Result<(), VisionError> {
         let (width, height) = frame.gray.size();
         if self.texture.size() != (width, height) {
@@ -133,40 +133,70 @@ pub(crate) struct Reference {
     pub(crate) appearance: Appearance,
 }
 
+/// Buffers of [`depth_range`].
+#[derive(Debug, Default)]
+pub(crate) struct RangeBuffers {
+    /// A row with a margin that changes no minimum or maximum.
+    row: Vec<f32>,
+    /// Nearest and farthest depth among the neighbours within the row.
+    low: Vec<f32>,
+    high: Vec<f32>,
+}
+
 /// Nearest and farthest depth of each 5×5 neighbourhood, ignoring missing depth; both 0 where the centre has none.
 ///
 /// Two pixels are what registration of depth to colour, rolling shutter and the sensor's ragged edges move an edge by.
-pub(crate) fn depth_range(width: usize, depth: &[f32], spare: &mut [Vec<f32>; 2], near: &mut [f32], far: &mut [f32]) {
-    let [low, high] = spare;
-    // Rows with a margin that does not change a minimum or maximum, so that the inner loops have no cases.
-    for (row, neutral) in [(&mut *low, f32::INFINITY), (&mut *high, 0.0)] {
-        row.clear();
-        row.resize(width + 2 * RANGE_RADIUS, neutral);
-    }
-    let height = depth.len() / width.max(1);
-    for v in 0..height {
-        let rows = v.saturating_sub(RANGE_RADIUS)..(v + RANGE_RADIUS + 1).min(height);
-        let inside = RANGE_RADIUS..RANGE_RADIUS + width;
-        let (l, h) = (&mut low[inside.clone()], &mut high[inside]);
-        l.fill(f32::INFINITY);
-        h.fill(0.0);
-        for row in rows.map(|r| &depth[r * width..(r + 1) * width]) {
-            for ((l, h), &z) in l.iter_mut().zip(h.iter_mut()).zip(row) {
-                *l = smaller(*l, if z > 0.0 { z } else { f32::INFINITY });
-                *h = larger(*h, z);
-            }
-        }
-        let here = v * width..(v + 1) * width;
-        spread_row(low, &depth[here.clone()], &mut near[here.clone()], smaller);
-        spread_row(high, &depth[here.clone()], &mut far[here], larger);
+pub(crate) fn depth_range(
+    width: usize,
+    depth: &[f32],
+    RangeBuffers { row, low, high }: &mut RangeBuffers,
+    near: &mut [f32],
+    far: &mut [f32],
+) {
+    let or_infinite = |z: f32| if z > 0.0 { z } else { f32::INFINITY };
+    spread_rows(width, depth, (or_infinite, f32::INFINITY), smaller, (row, low));
+    spread_rows(width, depth, (|z| z, 0.0), larger, (row, high));
+    spread_columns(width, depth, low, smaller, near);
+    spread_columns(width, depth, high, larger, far);
+}
+
+/// Side of the neighbourhood.
+const RANGE: usize = 2 * RANGE_RADIUS + 1;
+
+/// Combines each value with its neighbours in the row, after `value` was applied to all; beyond the ends of rows there is `neutral`.
+fn spread_rows(
+    width: usize,
+    depth: &[f32],
+    (value, neutral): (impl Fn(f32) -> f32, f32),
+    combine: impl Fn(f32, f32) -> f32,
+    (row, out): (&mut Vec<f32>, &mut Vec<f32>),
+) {
+    row.clear();
+    row.resize(width + 2 * RANGE_RADIUS, neutral);
+    out.resize(depth.len(), 0.0);
+    for (out, depth) in out.chunks_exact_mut(width.max(1)).zip(depth.chunks_exact(width.max(1))) {
+        row[RANGE_RADIUS..].iter_mut().zip(depth).for_each(|(to, &z)| *to = value(z));
+        combine_rows(std::array::from_fn(|shift| &row[shift..shift + width]), &combine, out);
     }
 }
 
-/// Combines each value of a row (with margin) with its neighbours; 0 where `depth` is 0.
-fn spread_row(row: &[f32], depth: &[f32], out: &mut [f32], combine: impl Fn(f32, f32) -> f32) {
-    for ((o, w), &z) in out.iter_mut().zip(row.windows(2 * RANGE_RADIUS + 1)).zip(depth) {
-        let all = w.iter().copied().reduce(&combine).unwrap_or(0.0);
-        *o = if z > 0.0 { all } else { 0.0 };
+/// Combines each value with its neighbours in the column; 0 where `depth` is 0.
+fn spread_columns(width: usize, depth: &[f32], values: &[f32], combine: impl Fn(f32, f32) -> f32, out: &mut [f32]) {
+    let row = |v: usize| v * width..(v + 1) * width;
+    let height = depth.len() / width.max(1);
+    for v in 0..height {
+        // Beside the first and last rows some count twice, which changes no minimum or maximum.
+        let near = |k: usize| (v + k).saturating_sub(RANGE_RADIUS).min(height - 1);
+        let out = &mut out[row(v)];
+        combine_rows(std::array::from_fn(|k| &values[row(near(k))]), &combine, out);
+        out.iter_mut().zip(&depth[row(v)]).for_each(|(out, &z)| *out = if z > 0.0 { *out } else { 0.0 });
+    }
+}
+
+/// Combines rows of equal length value by value.
+fn combine_rows([a, b, c, d, e]: [&[f32]; RANGE], combine: impl Fn(f32, f32) -> f32, out: &mut [f32]) {
+    for (((((out, &a), &b), &c), &d), &e) in out.iter_mut().zip(a).zip(b).zip(c).zip(d).zip(e) {
+        *out = combine(combine(combine(a, b), combine(c, d)), e);
     }
 }
 

@@ -45,6 +45,29 @@ impl ModelPoint {
         self.gray += (gray - self.gray) * rate;
     }
 
+    /// A point that was seen once, at `position`.
+    pub(crate) fn new(position: [f32; 3], gray: f32) -> Self {
+        Self { position, gray, hits: 1.0 }
+    }
+
+    /// It was seen again, at `position`.
+    pub(crate) fn confirm(&mut self, position: [f32; 3], gray: f32) {
+        let share = 1.0 / (self.hits + 1.0);
+        for (p, q) in self.position.iter_mut().zip(position) {
+            *p += (q - *p) * share;
+        }
+        self.update_gray(gray, GRAY_RATE.max(share));
+        self.hits = (self.hits + 1.0).min(MAX_HITS);
+    }
+
+    /// Another surface was seen instead, at `position`: what was confirmed often needs several such measurements to be replaced.
+    pub(crate) fn contradict(&mut self, position: [f32; 3], gray: f32) {
+        self.hits *= KEPT_CONTRADICTED;
+        if self.hits < 1.0 {
+            *self = Self::new(position, gray);
+        }
+    }
+
     /// Whether a surface is known here.
     pub(crate) fn is_known(&self) -> bool {
         self.position[2] > 0.0
@@ -105,30 +128,26 @@ impl StaticModel {
         self.points.pixels()
     }
 
+    /// The same to change.
+    pub(crate) fn points_mut(&mut self) -> &mut [ModelPoint] {
+        self.points.pixels_mut()
+    }
+
     /// Carries the model into the next camera frame; of two points on one pixel the nearer survives. Pixels that get none are
     /// filled between neighbours on one surface: without that the model would thin out by each warp.
     pub(crate) fn advance(&mut self, camera: &Pinhole, motion: &Motion) {
         let target = self.spare.pixels_mut();
         target.fill(ModelPoint::default());
-        let carry = |point: &mut ModelPoint, target: &mut [ModelPoint]| {
-            point.position = motion.apply(point.position);
-            if point.position[2] < MIN_Z {
-                return Place::Gone;
-            }
-            let pixel = camera.project(point.position);
-            let Some(index) = camera.nearest(pixel) else { return place_outside(camera, pixel) };
-            if point.replaces(&target[index]) {
-                target[index] = *point;
-            }
-            Place::Inside
-        };
         self.outside.retain_mut(|point| {
+            point.position = motion.apply(point.position);
             point.hits *= KEPT_OUTSIDE;
-            point.is_believed() && carry(point, target) == Place::Beside
+            point.is_believed() && place(camera, point, target) == Place::Beside
         });
-        for point in self.points.pixels_mut().iter_mut().filter(|p| p.is_known()) {
-            if carry(point, target) == Place::Beside && point.is_believed() && self.outside.len() < camera.pixels() {
-                self.outside.push(*point);
+        for point in self.points.pixels().iter().filter(|p| p.is_known()) {
+            let moved = ModelPoint { position: motion.apply(point.position), ..*point };
+            let is_beside = place(camera, &moved, target) == Place::Beside;
+            if is_beside && moved.is_believed() && self.outside.len() < camera.pixels() {
+                self.outside.push(moved);
             }
         }
         fill_gaps(camera, target);
@@ -140,68 +159,39 @@ impl StaticModel {
     /// `dynamic` is a wider mask. Depths differ from `significance` standard deviations on.
     pub(crate) fn observe(
         &mut self,
-        camera: &Pinhole,
+        rays: &[[f32; 2]],
         (noise, significance): (&DepthNoise, f32),
         frame: &ViewFrame,
         (movers, dynamic): (&[u8], &[u8]),
     ) {
-        for (i, &z) in frame.depth.pixels().iter().enumerate() {
+        let pixels = frame.depth.pixels().iter().zip(frame.gray.pixels()).zip(rays);
+        let masks = movers.iter().zip(dynamic);
+        for ((point, ((&z, &gray), ray)), (&mover, &dynamic)) in self.points.pixels_mut().iter_mut().zip(pixels).zip(masks) {
+            let gray = f32::from(gray);
             if !noise.is_usable(f64::from(z)) {
-                if dynamic[i] == 0 {
-                    self.points.pixels_mut()[i].update_gray(f32::from(frame.gray.pixels()[i]), UNMEASURED_GRAY_RATE);
+                if dynamic == 0 {
+                    point.update_gray(gray, UNMEASURED_GRAY_RATE);
                 }
                 continue;
             }
-            let known = self.points.pixels()[i];
-            let differs = known.is_known() && !known.agrees_with(z, noise, significance);
-            if dynamic[i] != 0 {
-                if differs && z > known.position[2] {
-                    self.erase(i);
-                } else if !differs && movers[i] != 0 {
-                    self.points.pixels_mut()[i].hits *= KEPT_ON_MOVER;
+            let differs = point.is_known() && !point.agrees_with(z, noise, significance);
+            if dynamic != 0 {
+                if differs && z > point.position[2] {
+                    *point = ModelPoint::default();
+                } else if !differs && mover != 0 {
+                    point.hits *= KEPT_ON_MOVER;
                 }
                 continue;
             }
-            let position = camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, z);
-            let gray = f32::from(frame.gray.pixels()[i]);
-            if !known.is_known() {
-                self.replace(i, position, gray);
+            let position = [ray[0] * z, ray[1] * z, z];
+            if !point.is_known() {
+                *point = ModelPoint::new(position, gray);
             } else if differs {
-                self.contradict(i, position, gray);
+                point.contradict(position, gray);
             } else {
-                self.confirm(i, position, gray);
+                point.confirm(position, gray);
             }
         }
-    }
-
-    /// Confirms pixel `index` at `position` with `gray`.
-    pub(crate) fn confirm(&mut self, index: usize, position: [f32; 3], gray: f32) {
-        let point = &mut self.points.pixels_mut()[index];
-        let share = 1.0 / (point.hits + 1.0);
-        for (p, q) in point.position.iter_mut().zip(position) {
-            *p += (q - *p) * share;
-        }
-        point.update_gray(gray, GRAY_RATE.max(share));
-        point.hits = (point.hits + 1.0).min(MAX_HITS);
-    }
-
-    /// Replaces what is known at pixel `index` by one measurement.
-    pub(crate) fn replace(&mut self, index: usize, position: [f32; 3], gray: f32) {
-        self.points.pixels_mut()[index] = ModelPoint { position, gray, hits: 1.0 };
-    }
-
-    /// A measurement contradicts pixel `index`: what was confirmed often needs several to be replaced.
-    pub(crate) fn contradict(&mut self, index: usize, position: [f32; 3], gray: f32) {
-        let point = &mut self.points.pixels_mut()[index];
-        point.hits *= KEPT_CONTRADICTED;
-        if point.hits < 1.0 {
-            self.replace(index, position, gray);
-        }
-    }
-
-    /// Forgets pixel `index`.
-    pub(crate) fn erase(&mut self, index: usize) {
-        self.points.pixels_mut()[index] = ModelPoint::default();
     }
 }
 
@@ -212,6 +202,20 @@ enum Place {
     /// Outside of the view, near enough to come back.
     Beside,
     Gone,
+}
+
+/// Puts a point onto its pixel, unless what is there stays, and says where it lies.
+#[inline]
+fn place(camera: &Pinhole, point: &ModelPoint, target: &mut [ModelPoint]) -> Place {
+    if point.position[2] < MIN_Z {
+        return Place::Gone;
+    }
+    let pixel = camera.project(point.position);
+    let Some(index) = camera.nearest(pixel) else { return place_outside(camera, pixel) };
+    if point.replaces(&target[index]) {
+        target[index] = *point;
+    }
+    Place::Inside
 }
 
 fn place_outside(camera: &Pinhole, [x, y]: [f32; 2]) -> Place {
@@ -255,11 +259,15 @@ mod tests {
 
     const CAMERA: Pinhole = Pinhole { width: 32, height: 24, fx: 26.0, fy: 26.0, cx: 15.5, cy: 11.5 };
 
+    fn rays() -> Vec<[f32; 2]> {
+        (0..CAMERA.pixels()).map(|i| CAMERA.ray(i)).collect()
+    }
+
     #[test]
     fn warping_there_and_back_changes_no_position() {
         let mut model = StaticModel::new(&CAMERA);
         let position = CAMERA.unproject(10.3, 8.4, 2.0);
-        model.replace(CAMERA.nearest([10.3, 8.4]).unwrap(), position, 90.0);
+        model.points_mut()[CAMERA.nearest([10.3, 8.4]).unwrap()] = ModelPoint::new(position, 90.0);
         let motion = pose::exp(&Vector6::new(0.1, 0.05, -0.1, 0.02, 0.01, 0.05));
         model.advance(&CAMERA, &Motion::from(&motion));
         model.advance(&CAMERA, &Motion::from(&motion.inverse()));
@@ -270,8 +278,8 @@ mod tests {
     #[test]
     fn the_nearer_point_hides_the_farther() {
         let mut model = StaticModel::new(&CAMERA);
-        model.replace(0, CAMERA.unproject(12.0, 8.0, 3.0), 1.0);
-        model.replace(1, CAMERA.unproject(12.0, 8.0, 1.0), 2.0);
+        model.points_mut()[0] = ModelPoint::new(CAMERA.unproject(12.0, 8.0, 3.0), 1.0);
+        model.points_mut()[1] = ModelPoint::new(CAMERA.unproject(12.0, 8.0, 1.0), 2.0);
         model.advance(&CAMERA, &Motion::from(&pfd_geometry::Pose::identity()));
         assert_eq!(model.points()[CAMERA.nearest([12.0, 8.0]).unwrap()].gray, 2.0);
     }
@@ -283,7 +291,7 @@ mod tests {
             let position = CAMERA.unproject((i % CAMERA.width) as f32, (i / CAMERA.width) as f32, 2.0);
             // Here and there somebody stood before it.
             let times = if i % 16 == 3 { 2 } else { 20 };
-            (0..times).for_each(|_| model.confirm(i, position, 70.0));
+            (0..times).for_each(|_| model.points_mut()[i].confirm(position, 70.0));
         }
         // To and fro by less than a pixel: two points of the wall fall on one pixel and none on another, each time elsewhere.
         for frame in 0..60 {
@@ -300,8 +308,8 @@ mod tests {
         for (near_hits, far_hits, expected) in [(2, 9, 9.0), (9, 2, 9.0)] {
             let mut model = StaticModel::new(&CAMERA);
             let (near, far) = (CAMERA.unproject(12.1, 8.0, 1.99), CAMERA.unproject(11.9, 8.0, 2.0));
-            (0..near_hits).for_each(|_| model.confirm(0, near, 1.0));
-            (0..far_hits).for_each(|_| model.confirm(1, far, 2.0));
+            (0..near_hits).for_each(|_| model.points_mut()[0].confirm(near, 1.0));
+            (0..far_hits).for_each(|_| model.points_mut()[1].confirm(far, 2.0));
             model.advance(&CAMERA, &still);
             assert_eq!(model.points()[CAMERA.nearest([12.0, 8.0]).unwrap()].hits, expected);
         }
@@ -313,7 +321,7 @@ mod tests {
             let mut model = StaticModel::new(&CAMERA);
             let row = 5 * CAMERA.width;
             for (u, z) in [(9, left), (11, right)] {
-                model.replace(row + u, CAMERA.unproject(u as f32, 5.0, z), 50.0);
+                model.points_mut()[row + u] = ModelPoint::new(CAMERA.unproject(u as f32, 5.0, z), 50.0);
             }
             model.advance(&CAMERA, &Motion::from(&pfd_geometry::Pose::identity()));
             model.points()[row + 10].position[2]
@@ -330,7 +338,7 @@ mod tests {
         for (frames, expected) in [(5, true), (400, false)] {
             let mut model = StaticModel::new(&CAMERA);
             let (index, position) = (12 * CAMERA.width + 30, CAMERA.unproject(30.0, 12.0, 2.0));
-            (0..20).for_each(|_| model.confirm(index, position, 70.0));
+            (0..20).for_each(|_| model.points_mut()[index].confirm(position, 70.0));
             model.advance(&CAMERA, &turn);
             assert!(model.points().iter().all(|p| !p.is_known()), "out of view");
             (0..frames).for_each(|_| model.advance(&CAMERA, &still));
@@ -342,10 +350,10 @@ mod tests {
     #[test]
     fn a_single_contradiction_does_not_replace_what_was_confirmed() {
         let mut model = StaticModel::new(&CAMERA);
-        (0..10).for_each(|_| model.confirm(5, [0.0, 0.0, 1.0], 100.0));
-        model.contradict(5, [0.0, 0.0, 2.0], 100.0);
+        (0..10).for_each(|_| model.points_mut()[5].confirm([0.0, 0.0, 1.0], 100.0));
+        model.points_mut()[5].contradict([0.0, 0.0, 2.0], 100.0);
         assert_eq!(model.points()[5].position[2], 1.0);
-        (0..20).for_each(|_| model.contradict(5, [0.0, 0.0, 2.0], 100.0));
+        (0..20).for_each(|_| model.points_mut()[5].contradict([0.0, 0.0, 2.0], 100.0));
         assert_eq!(model.points()[5].position[2], 2.0);
     }
 
@@ -357,10 +365,10 @@ mod tests {
                 gray: Image::filled(CAMERA.width, CAMERA.height, 20),
                 depth: Image::filled(CAMERA.width, CAMERA.height, z),
             };
-            (0..10).for_each(|_| model.confirm(5, CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
+            (0..10).for_each(|_| model.points_mut()[5].confirm(CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
             let dynamic = vec![dynamic; CAMERA.pixels()];
             (0..frames)
-                .for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, (&dynamic, &dynamic)));
+                .for_each(|_| model.observe(&rays(), (&DepthNoise::default(), 3.0), &frame, (&dynamic, &dynamic)));
             model.points()[5].gray
         };
         assert!((90.0..95.0).contains(&seen(0, 0.0, 1)), "a mover that has not been found yet is not learned at once");
@@ -377,9 +385,9 @@ mod tests {
                 gray: Image::filled(CAMERA.width, CAMERA.height, 100),
                 depth: Image::filled(CAMERA.width, CAMERA.height, z),
             };
-            (0..10).for_each(|_| model.confirm(5, CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
+            (0..10).for_each(|_| model.points_mut()[5].confirm(CAMERA.unproject(5.0, 0.0, 2.0), 100.0));
             let masks = (vec![mover; CAMERA.pixels()], vec![255; CAMERA.pixels()]);
-            (0..12).for_each(|_| model.observe(&CAMERA, (&DepthNoise::default(), 3.0), &frame, (&masks.0, &masks.1)));
+            (0..12).for_each(|_| model.observe(&rays(), (&DepthNoise::default(), 3.0), &frame, (&masks.0, &masks.1)));
             model.points()[5].hits
         };
         assert!(hits(255, 2.0) < MIN_HITS);
@@ -398,8 +406,8 @@ mod tests {
     #[test]
     fn confirming_averages() {
         let mut model = StaticModel::new(&CAMERA);
-        model.replace(5, [0.0, 0.0, 1.0], 100.0);
-        model.confirm(5, [0.0, 0.0, 1.2], 100.0);
+        model.points_mut()[5] = ModelPoint::new([0.0, 0.0, 1.0], 100.0);
+        model.points_mut()[5].confirm([0.0, 0.0, 1.2], 100.0);
         assert!((model.points()[5].position[2] - 1.1).abs() < 1e-6);
     }
 }

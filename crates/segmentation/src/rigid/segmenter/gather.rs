@@ -1,7 +1,7 @@
 //! What a frame says for and against motion: beside earlier frames, beside the static model, and by its corners.
 
 use super::RigidSegmenter;
-use crate::rigid::evidence::{Cue, Earlier, Field, STRIDE, Scene, depth_shift};
+use crate::rigid::evidence::{Cue, Earlier, Field, STRIDE, Scene, Tolerance, depth_shift};
 use crate::rigid::model_alignment::Alignment;
 use crate::rigid::motion::{CornerMove, MotionEstimate};
 use crate::rigid::reference::{FrameMotion, Reference, depth_range};
@@ -145,12 +145,16 @@ impl RigidSegmenter {
     /// what the static model does: it may have set off just now from where the model has it.
     fn behind(&self, corner: usize) -> f32 {
         let z = self.current.depth.pixels()[corner];
-        if z > 0.0 && self.field.stands_apart(corner) { z + self.scene().tolerance(z) } else { f32::INFINITY }
+        if z > 0.0 && self.field.stands_apart(corner) { z + self.tolerance().at(z) } else { f32::INFINITY }
     }
 
     /// See [`depth_shift`]. Its points come from many frames, which are taken to have moved as this one does.
     fn shift_to_model(&self) -> f32 {
         depth_shift(self.flow, self.flow)
+    }
+
+    fn tolerance(&self) -> Tolerance {
+        Tolerance::new(&self.noise, self.config.significance as f32)
     }
 
     fn scene(&self) -> Scene<'_> {
@@ -165,6 +169,7 @@ impl RigidSegmenter {
             filled: &self.buffers.filled,
             carried: self.objects.carried(),
             significance: self.config.significance as f32,
+            tolerance: self.tolerance(),
         }
     }
 

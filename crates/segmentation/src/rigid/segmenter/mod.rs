@@ -15,8 +15,8 @@ use super::exposure::Exposure;
 use super::large_planes::LargePlanes;
 use super::missing_depth;
 use super::motion::{MotionEstimate, MotionEstimator};
-use super::objects::{Object, Objects, Policy};
-use super::reference::{Appearance, FrameMotion, Reference};
+use super::objects::{Fresh, Object, Objects, Policy};
+use super::reference::{Appearance, FrameMotion, RangeBuffers, Reference};
 use super::regions::{BACKGROUND, HoleFiller, dilate};
 use super::report;
 use super::static_model::StaticModel;
@@ -93,7 +93,7 @@ struct Buffers {
     model_near: Vec<f32>,
     model_far: Vec<f32>,
     conductance: Conductance,
-    range: [Vec<f32>; 2],
+    range: RangeBuffers,
     visited: Vec<bool>,
     /// Whether a pixel lies in a new region.
     candidates: Vec<bool>,
@@ -273,10 +273,11 @@ impl RigidSegmenter {
         b.conductance.update(camera, &self.noise, &self.current, &EDGES);
         b.conductance.diffuse(camera.width, &mut self.field.cells, DIFFUSION_PASSES);
         let policy = Policy { threshold: self.config.threshold as f32, memory: self.config.temporal };
-        for (i, &[evidence, weight]) in self.field.cells.iter().enumerate() {
-            let fresh = (evidence / (weight + PRIOR), weight + PRIOR);
-            self.objects.update_odds(i, fresh, self.field.explained[i], policy);
-        }
+        let fresh = self.field.cells.iter().zip(&self.field.explained).map(|(&[evidence, weight], &explained)| {
+            let weight = weight + PRIOR;
+            Fresh { share: evidence / weight, weight, explained }
+        });
+        self.objects.update_odds(fresh, policy);
     }
 
     /// One step of the particle filter on the odds of motion: smoothed within surfaces, they are the kernel-weighted
@@ -320,7 +321,7 @@ impl RigidSegmenter {
         dilate(camera.width, &self.mask, spare_mask);
         spare_mask.iter_mut().zip(claimed.iter()).for_each(|(dynamic, claimed)| *dynamic |= claimed);
         let significance = self.config.significance as f32;
-        self.model.observe(camera, (&self.noise, significance), &self.current, (claimed, spare_mask));
+        self.model.observe(&self.view.rays, (&self.noise, significance), &self.current, (claimed, spare_mask));
     }
 
     /// Makes the current frame the previous one.
@@ -379,7 +380,7 @@ mod tests {
         segmenter.current = ViewFrame { gray: Image::filled(320, 240, 100), depth: Image::filled(320, 240, z) };
         let at = 100 * 320 + 100;
         let position = segmenter.view.camera.point(at, 2.0);
-        (0..10).for_each(|_| segmenter.model.confirm(at, position, 100.0));
+        (0..10).for_each(|_| segmenter.model.points_mut()[at].confirm(position, 100.0));
         segmenter.buffers.claimed[at] = if claimed { 255 } else { 0 };
         segmenter.update_model();
         segmenter.model.points()[at].hits
