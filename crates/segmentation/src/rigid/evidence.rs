@@ -459,7 +459,7 @@ fn certainty(point: &ModelPoint) -> f32 {
 /// Every how many pixels exposure is compared with the static model, …
 const LUMA_SAMPLING: usize = 7;
 /// … and with earlier frames.
-const EXPOSURE_SAMPLING: usize = 41;
+const EXPOSURE_SAMPLING: usize = 163;
 
 /// The image at a position between pixels; `None` at the border.
 fn bilinear(image: &[f32], camera: &Pinhole, [x, y]: [f32; 2]) -> Option<f32> {

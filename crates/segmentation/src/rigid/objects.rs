@@ -176,12 +176,16 @@ impl Objects {
         }
     }
 
-    /// Remembers the doubts about what is static: `place` is where the last frame saw what a pixel shows, if that does not move.
-    pub(crate) fn look_back(&mut self, place: impl Fn(usize) -> Option<usize>) {
+    /// Remembers the doubts about what is static: `places` are the pixels of the last frame where that saw what each pixel shows, if it
+    /// does not move; beyond the image where it did not.
+    pub(crate) fn look_back(&mut self, places: &[u32]) {
         let (odds, labels) = (&self.odds, &self.labels);
-        for (i, suspicion) in self.suspicion.iter_mut().enumerate() {
+        for (suspicion, &place) in self.suspicion.iter_mut().zip(places) {
             // What a mover uncovers inherits nothing from it.
-            let before = place(i).filter(|&j| labels[j] == BACKGROUND).map_or(INITIAL_ODDS, |j| odds[j]);
+            let before = match labels.get(place as usize) {
+                Some(&BACKGROUND) => odds[place as usize],
+                _ => INITIAL_ODDS,
+            };
             *suspicion = before.clamp(INITIAL_ODDS, MAX_SUSPICION);
         }
     }
@@ -435,6 +439,7 @@ pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rigid::view::OUTSIDE;
     use pfd_geometry::Image;
     use std::ops::Range;
 
@@ -455,7 +460,7 @@ mod tests {
         let mut objects = Objects::default();
         objects.clear(2);
         for _ in 0..frames {
-            objects.look_back(Some);
+            objects.look_back(&[0, 1]);
             let fresh = Fresh { share, weight: 0.2, explained: 0.0 };
             objects.update_odds([fresh; 2].into_iter(), Policy { threshold: 0.5, memory });
         }
@@ -570,10 +575,10 @@ mod tests {
         let mut objects = Objects::default();
         objects.clear(2);
         objects.odds.fill(2.0);
-        objects.look_back(|i| (i == 1).then_some(0));
+        objects.look_back(&[OUTSIDE, 0]);
         assert_eq!(objects.suspicion, [INITIAL_ODDS, MAX_SUSPICION]);
         objects.labels[0] = 1;
-        objects.look_back(|i| (i == 1).then_some(0));
+        objects.look_back(&[OUTSIDE, 0]);
         assert_eq!(objects.suspicion, [INITIAL_ODDS; 2], "so is what a mover uncovers");
     }
 }

@@ -5,7 +5,7 @@ use pfd_geometry::{GrayImage, Image, Pose};
 use pfd_vision::VisionError;
 use pfd_vision::warp::box_mean;
 
-use super::view::{Motion, Pinhole, ViewFrame};
+use super::view::{Motion, OUTSIDE, Pinhole, ViewFrame};
 
 /// Side of the window whose mean is taken off for the texture image, working pixels: shadows and exposure change more slowly
 /// over the image than this, texture faster.
@@ -34,6 +34,28 @@ impl Warp {
                 let row = |i: usize| h[i][0] * u + h[i][1] * v + h[i][2];
                 let w = row(2);
                 (w > f32::EPSILON).then(|| ([row(0) / w, row(1) / w], z))
+            }
+        }
+    }
+
+    /// The pixel of the other view nearest to each surface, given by its ray and depth (metres, 0 = none); [`OUTSIDE`] where there is none.
+    pub(crate) fn places(&self, camera: &Pinhole, rays: &[[f32; 2]], depth: &[f32], out: &mut Vec<u32>) {
+        out.resize(depth.len(), OUTSIDE);
+        let surfaces = rays.iter().zip(depth);
+        match self {
+            Self::Rigid(motion) => {
+                // Without branches, so that several are computed at once.
+                for (out, (&[x, y], &z)) in out.iter_mut().zip(surfaces) {
+                    let p = motion.apply([x * z, y * z, z]);
+                    let place = camera.place(camera.project(p));
+                    *out = if (z > 0.0) & (p[2] > 0.0) { place } else { OUTSIDE };
+                }
+            }
+            Self::Plane(_) => {
+                for (out, (&ray, &z)) in out.iter_mut().zip(surfaces) {
+                    let place = (z > 0.0).then(|| self.apply(camera, ray, z)).flatten();
+                    *out = place.map_or(OUTSIDE, |(pixel, _)| camera.place(pixel));
+                }
             }
         }
     }
@@ -216,6 +238,7 @@ pub(crate) const RANGE_RADIUS: usize = 2;
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pfd_geometry::pose;
 
     #[test]
     fn range_of_a_small_image() {
@@ -225,6 +248,28 @@ mod tests {
         depth_range(4, &depth, &mut Default::default(), &mut near, &mut far);
         assert_eq!(near, [1.0, 1.0, 1.0, 2.0, 0.0, 1.0, 1.0, 2.0]);
         assert_eq!(far, [5.0, 6.0, 6.0, 6.0, 0.0, 6.0, 6.0, 6.0]);
+    }
+
+    #[test]
+    fn places_of_many_surfaces_are_those_of_each() {
+        let camera = Pinhole { width: 32, height: 24, fx: 26.0, fy: 26.0, cx: 15.5, cy: 11.5 };
+        let rays: Vec<_> = (0..camera.pixels()).map(|i| camera.ray(i)).collect();
+        let depth: Vec<f32> = (0..camera.pixels()).map(|i| (i * 7 % 11) as f32 * 0.4).collect();
+        // To the right of it, far enough back that the nearest surfaces are behind the camera.
+        let motion = Motion::from(&pose::exp(&nalgebra::Vector6::new(0.3, 0.1, -0.5, 0.02, -0.1, 0.2)));
+        let h = Matrix3::new(1.0, 0.1, 4.0, 0.0, 0.9, -2.0, 0.0, 0.01, 0.8);
+        for warp in [Warp::Rigid(motion), Warp::plane(&h)] {
+            let mut places = Vec::new();
+            warp.places(&camera, &rays, &depth, &mut places);
+            let place = |i: usize| {
+                let (pixel, _) = (depth[i] > 0.0).then(|| warp.apply(&camera, rays[i], depth[i])).flatten()?;
+                camera.nearest(pixel)
+            };
+            let expected: Vec<u32> = (0..depth.len()).map(|i| place(i).map_or(OUTSIDE, |i| i as u32)).collect();
+            assert_eq!(places, expected);
+            let inside = expected.iter().filter(|place| **place != OUTSIDE).count();
+            assert!((100..depth.len() - 100).contains(&inside), "{inside}");
+        }
     }
 
     #[test]

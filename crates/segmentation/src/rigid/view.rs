@@ -9,7 +9,7 @@ use pfd_geometry::{Camera, GrayImage, Image, Mask, Pose, RgbImage, RgbdFrame};
 /// Columns the working view aims at; 640 columns become 320.
 const TARGET_WIDTH: f64 = 320.0;
 /// Index that stands for "outside the other image".
-const OUTSIDE: u32 = u32::MAX;
+pub(crate) const OUTSIDE: u32 = u32::MAX;
 
 /// An ideal pinhole camera in single precision.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +59,15 @@ impl Pinhole {
         let (u, v) = (u + 0.5, v + 0.5);
         let inside = u >= 0.0 && v >= 0.0 && u < self.width as f32 && v < self.height as f32;
         inside.then(|| floor(v) * self.width + floor(u))
+    }
+
+    /// The same without branches; [`OUTSIDE`] there.
+    #[inline]
+    pub(crate) fn place(&self, [u, v]: [f32; 2]) -> u32 {
+        let (u, v) = (u + 0.5, v + 0.5);
+        let inside = (u >= 0.0) & (v >= 0.0) & (u < self.width as f32) & (v < self.height as f32);
+        let index = (v as i32).wrapping_mul(self.width as i32).wrapping_add(u as i32);
+        if inside { index as u32 } else { OUTSIDE }
     }
 
     /// Number of pixels.
@@ -186,10 +195,13 @@ impl View {
         let pixels = rgb.pixels();
         let covered = self.covered(index);
         let count = covered.len() as u32;
-        [0, 1, 2].map(|channel| {
-            let values = covered.iter().map(|corner| u32::from(corner.interpolate(|i| pixels[i][channel])));
-            ((values.sum::<u32>() + count / 2) / count) as u8
-        })
+        let mut sums = [0; 3];
+        for corner in covered {
+            for (sum, value) in sums.iter_mut().zip(corner.interpolate_colour(|i| pixels[i])) {
+                *sum += u32::from(value);
+            }
+        }
+        sums.map(|sum| ((sum + count / 2) / count) as u8)
     }
 
     /// What makes the mean of all that working pixel `index` covers.
@@ -269,7 +281,18 @@ impl Corner {
 
     #[inline]
     fn interpolate(&self, value: impl Fn(usize) -> u8) -> u8 {
-        let [a, b, c, d] = self.indices().map(|i| f32::from(value(i)));
+        self.blend(self.indices().map(value))
+    }
+
+    #[inline]
+    fn interpolate_colour(&self, value: impl Fn(usize) -> [u8; 3]) -> [u8; 3] {
+        let around = self.indices().map(value);
+        [0, 1, 2].map(|channel| self.blend(around.map(|colour| colour[channel])))
+    }
+
+    #[inline]
+    fn blend(&self, around: [u8; 4]) -> u8 {
+        let [a, b, c, d] = around.map(f32::from);
         let [x, y] = self.fraction;
         let (top, bottom) = (a + (b - a) * x, c + (d - c) * x);
         (top + (bottom - top) * y + 0.5) as u8

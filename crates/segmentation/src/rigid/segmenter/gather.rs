@@ -77,11 +77,9 @@ impl RigidSegmenter {
 
     /// Finds the doubts of the last frame about what this one sees.
     fn look_back(&mut self, motion: &FrameMotion) {
-        let (camera, rays, depth, warp) = (&self.view.camera, &self.view.rays, &self.buffers.filled, motion.warp());
-        self.objects.look_back(|i| {
-            let (p, _) = (depth[i] > 0.0).then(|| warp.apply(camera, rays[i], depth[i])).flatten()?;
-            camera.nearest(p)
-        });
+        let b = &mut self.buffers;
+        motion.warp().places(&self.view.camera, &self.view.rays, &b.filled, &mut b.places);
+        self.objects.look_back(&b.places);
     }
 
     /// Parts the frame into surfaces; large planes are surfaces of their own.

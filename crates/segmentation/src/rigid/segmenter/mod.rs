@@ -89,6 +89,8 @@ struct Buffers {
     gradient: Vec<f32>,
     spare: Vec<f32>,
     filled: Vec<f32>,
+    /// Where the last frame saw what each pixel shows.
+    places: Vec<u32>,
     model_depth: Vec<f32>,
     model_near: Vec<f32>,
     model_far: Vec<f32>,
