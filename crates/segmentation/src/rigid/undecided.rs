@@ -132,6 +132,10 @@ impl Paths<'_> {
     /// Takes the label of the pixel `j` for the pixel `i` if the way through it is shorter.
     #[inline]
     fn relax(&mut self, i: usize, j: usize) {
+        // Mostly it is not, even if the pixels are alike.
+        if self.distances[j] + 1.0 >= self.distances[i] {
+            return;
+        }
         let step = 1.0 + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[j]));
         let contradicted = self.changed[i] == Some(self.labels[j] == BACKGROUND);
         let through = self.distances[j] + if contradicted { CONTRADICTED * step } else { step };
