@@ -172,4 +172,37 @@ mod tests {
         assert!(ratio(31, 20) > 0.1, "{}", ratio(31, 20));
         assert!(ratio(28, 20) < 0.2 * ratio(31, 20), "{} across the edge", ratio(28, 20));
     }
+
+    #[test]
+    fn rows_are_filtered_one_by_one_although_together() {
+        // The last strip is not full.
+        let (width, height) = (CAMERA.width, ROWS + 3);
+        let camera = Pinhole { height, ..CAMERA };
+        let noise = |i: usize| (i as u32).wrapping_mul(2_654_435_761) >> 24;
+        let pixels = || 0..width * height;
+        let frame = ViewFrame {
+            gray: Image::from_vec(width, height, pixels().map(|i| noise(i) as u8).collect()).unwrap(),
+            depth: Image::from_vec(width, height, pixels().map(|i| 1.0 + noise(i + 7) as f32 * 1e-3).collect())
+                .unwrap(),
+        };
+        let scales = EdgeScales { radius: 20.0, depth: 2.0, gray: 60.0 };
+        let mut conductance = Conductance::default();
+        conductance.update(&camera, &DepthNoise::default(), &frame, &scales);
+        let field: Vec<[f32; 2]> = pixels().map(|i| [noise(i + 3) as f32, 1.0]).collect();
+        let passage = Passage::new(&DepthNoise::default(), &scales);
+        let (depth, gray) = (frame.depth.pixels(), frame.gray.pixels());
+        let between = |i: usize, j: usize| passage.between((depth[i], depth[j]), (gray[i], gray[j]));
+        let mut expected = field.clone();
+        for start in (0..field.len()).step_by(width) {
+            for i in start + 1..start + width {
+                expected[i] = blend(expected[i], expected[i - 1], between(i - 1, i));
+            }
+            for i in (start + 1..start + width).rev() {
+                expected[i - 1] = blend(expected[i - 1], expected[i], between(i - 1, i));
+            }
+        }
+        let mut filtered = field;
+        conductance.rows(width, &mut filtered);
+        assert_eq!(filtered, expected);
+    }
 }

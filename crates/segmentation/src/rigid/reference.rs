@@ -44,11 +44,10 @@ impl Warp {
         let surfaces = rays.iter().zip(depth);
         match self {
             Self::Rigid(motion) => {
-                // Without branches, so that several are computed at once.
                 for (out, (&[x, y], &z)) in out.iter_mut().zip(surfaces) {
                     let p = motion.apply([x * z, y * z, z]);
                     let place = camera.place(camera.project(p));
-                    *out = if (z > 0.0) & (p[2] > 0.0) { place } else { OUTSIDE };
+                    *out = if z > 0.0 && p[2] > 0.0 { place } else { OUTSIDE };
                 }
             }
             Self::Plane(_) => {
@@ -245,7 +244,7 @@ mod tests {
         // 4×2 pixels, one without depth.
         let depth = [1.0, 2.0, 5.0, 6.0, 0.0, 3.0, 4.0, 4.0];
         let (mut near, mut far) = ([9.0; 8], [9.0; 8]);
-        depth_range(4, &depth, &mut Default::default(), &mut near, &mut far);
+        depth_range(4, &depth, &mut RangeBuffers::default(), &mut near, &mut far);
         assert_eq!(near, [1.0, 1.0, 1.0, 2.0, 0.0, 1.0, 1.0, 2.0]);
         assert_eq!(far, [5.0, 6.0, 6.0, 6.0, 0.0, 6.0, 6.0, 6.0]);
     }

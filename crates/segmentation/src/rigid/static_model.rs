@@ -166,7 +166,9 @@ impl StaticModel {
     ) {
         let pixels = frame.depth.pixels().iter().zip(frame.gray.pixels()).zip(rays);
         let masks = movers.iter().zip(dynamic);
-        for ((point, ((&z, &gray), ray)), (&mover, &dynamic)) in self.points.pixels_mut().iter_mut().zip(pixels).zip(masks) {
+        for ((point, ((&z, &gray), ray)), (&mover, &dynamic)) in
+            self.points.pixels_mut().iter_mut().zip(pixels).zip(masks)
+        {
             let gray = f32::from(gray);
             if !noise.is_usable(f64::from(z)) {
                 if dynamic == 0 {

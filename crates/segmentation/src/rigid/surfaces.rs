@@ -255,13 +255,7 @@ impl Surfaces {
     }
 
     /// Counts who is in front along every row and column; pixels without depth in between are skipped.
-    fn judge_borders(
-        &mut self,
-        width: usize,
-        relief: &Relief<'_>,
-        asked: &[bool],
-        still: &impl Fn(usize) -> bool,
-    ) {
+    fn judge_borders(&mut self, width: usize, relief: &Relief<'_>, asked: &[bool], still: &impl Fn(usize) -> bool) {
         let depth = relief.depth;
         self.above.clear();
         self.above.resize(width, None);
@@ -347,6 +341,27 @@ mod tests {
         assert_eq!(found.list[0].hides, 0);
         assert!(!found.list[0].is_thing(&CAMERA, STANDING), "the wall is behind");
         assert!(!surfaces([1.0; 8], 0.5).list[0].is_thing(&CAMERA, STANDING), "nothing behind it");
+    }
+
+    #[test]
+    fn how_a_surface_stands_does_not_depend_on_which_others_are_asked_for() {
+        let depth = [2.0, 2.0, 1.0, 1.0, 0.0, 3.0, 1.5, 1.5].repeat(2);
+        let planes = [0, 0, 0, 1, 0, 0, 0, 0].repeat(2);
+        let relief = Relief::new(&DepthNoise::default(), &depth, &planes);
+        let described = |asked: &[bool]| {
+            let mut surfaces = Surfaces::default();
+            surfaces.find(&CAMERA, &relief);
+            surfaces.describe(&CAMERA, &relief, asked, |i| (i != 2).then_some(0.5));
+            surfaces.list
+        };
+        let all = described(&[true; 5]);
+        assert_eq!(all.len(), 5);
+        assert!(all.iter().all(|s| s.still > 0 && s.hides + s.hidden + s.touching > 0));
+        for one in 0..5 {
+            let mut asked = [false; 5];
+            asked[one] = true;
+            assert_eq!(described(&asked)[one], all[one]);
+        }
     }
 
     #[test]

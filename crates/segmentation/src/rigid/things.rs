@@ -133,7 +133,9 @@ mod tests {
         let relief = Relief::new(&DepthNoise::default(), &depth, &labels);
         let mut surfaces = Surfaces::default();
         surfaces.find(&CAMERA, &relief);
-        surfaces.describe(&CAMERA, &relief, &candidates(&objects, &surfaces), |i| (objects.labels[i] == BACKGROUND).then_some(0.5));
+        surfaces.describe(&CAMERA, &relief, &candidates(&objects, &surfaces), |i| {
+            (objects.labels[i] == BACKGROUND).then_some(0.5)
+        });
         (objects, surfaces, depth)
     }
 

@@ -61,11 +61,11 @@ impl Pinhole {
         inside.then(|| floor(v) * self.width + floor(u))
     }
 
-    /// The same without branches; [`OUTSIDE`] there.
+    /// The same, [`OUTSIDE`] if not inside. Has no branch on the way to the index, so that several can be computed at once.
     #[inline]
     pub(crate) fn place(&self, [u, v]: [f32; 2]) -> u32 {
         let (u, v) = (u + 0.5, v + 0.5);
-        let inside = (u >= 0.0) & (v >= 0.0) & (u < self.width as f32) & (v < self.height as f32);
+        let inside = u >= 0.0 && v >= 0.0 && u < self.width as f32 && v < self.height as f32;
         let index = (v as i32).wrapping_mul(self.width as i32).wrapping_add(u as i32);
         if inside { index as u32 } else { OUTSIDE }
     }
