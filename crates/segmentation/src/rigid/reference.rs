@@ -250,12 +250,26 @@ mod tests {
     }
 
     #[test]
+    fn range_of_each_neighbourhood() {
+        let (width, height) = (9, 8);
+        let depth: Vec<f32> = (0..width * height).map(|i| (i * 29 % 31) as f32 * 0.1).collect();
+        let (mut near, mut far) = (vec![9.0; depth.len()], vec![9.0; depth.len()]);
+        depth_range(width, &depth, &mut RangeBuffers::default(), &mut near, &mut far);
+        for (i, &z) in depth.iter().enumerate() {
+            let around = |j: &usize| (j % width).abs_diff(i % width) <= 2 && (j / width).abs_diff(i / width) <= 2;
+            let seen = || (0..depth.len()).filter(around).map(|j| depth[j]).filter(|z| *z > 0.0);
+            let expected = if z > 0.0 { [seen().fold(9.0, f32::min), seen().fold(0.0, f32::max)] } else { [0.0; 2] };
+            assert_eq!([near[i], far[i]], expected, "{i}");
+        }
+    }
+
+    #[test]
     fn places_of_many_surfaces_are_those_of_each() {
         let camera = Pinhole { width: 32, height: 24, fx: 26.0, fy: 26.0, cx: 15.5, cy: 11.5 };
         let rays: Vec<_> = (0..camera.pixels()).map(|i| camera.ray(i)).collect();
         let depth: Vec<f32> = (0..camera.pixels()).map(|i| (i * 7 % 11) as f32 * 0.4).collect();
-        // To the right of it, far enough back that the nearest surfaces are behind the camera.
-        let motion = Motion::from(&pose::exp(&nalgebra::Vector6::new(0.3, 0.1, -0.5, 0.02, -0.1, 0.2)));
+        // So far back that the nearest surfaces are behind the other camera.
+        let motion = Motion::from(&pose::exp(&nalgebra::Vector6::new(0.01, 0.02, -0.5, 0.02, -0.1, 0.2)));
         let h = Matrix3::new(1.0, 0.1, 4.0, 0.0, 0.9, -2.0, 0.0, 0.01, 0.8);
         for warp in [Warp::Rigid(motion), Warp::plane(&h)] {
             let mut places = Vec::new();

@@ -4,7 +4,7 @@
 use pfd_geometry::DepthNoise;
 
 use super::continuity::Continuity;
-use super::disjoint_sets::{join, root};
+use super::disjoint_sets::join;
 use super::large_planes::NO_PLANE;
 use super::view::Pinhole;
 
@@ -230,13 +230,13 @@ impl Surfaces {
         self.list.clear();
         self.surface_of_run.clear();
         for run in 0..self.parents.len() as u32 {
-            let first = root(&mut self.parents, run);
-            // The first run of a surface is its root.
-            if first == run {
+            // Only the first run of a surface is its own.
+            let before = self.parents[run as usize];
+            if before == run {
                 self.surface_of_run.push(self.list.len() as u32);
                 self.list.push(Surface::default());
             } else {
-                self.surface_of_run.push(self.surface_of_run[first as usize]);
+                self.surface_of_run.push(self.surface_of_run[before as usize]);
             }
         }
         for (v, labels) in self.labels.chunks_exact_mut(width.max(1)).enumerate() {
