@@ -92,11 +92,8 @@ impl Objects {
             let Fresh { share, weight, explained } = fresh;
             let change = GAIN * 2.0 * (share - policy.threshold) * weight / (weight + HALF_WEIGHT);
             let is_known = policy.memory && label != BACKGROUND;
-            let doubt = match policy.memory {
-                true if is_known => carried,
-                true => suspicion,
-                false => INITIAL_ODDS,
-            };
+            let remembered = if is_known { carried } else { suspicion };
+            let doubt = if policy.memory { remembered } else { INITIAL_ODDS };
             let hold = if is_known && change < 0.0 {
                 let confidence = self.confidences.get(label as usize).copied().unwrap_or(0.0);
                 1.0 - HOLD * confidence * (1.0 - explained) * HOLD_WEIGHT / (HOLD_WEIGHT + weight)

@@ -5,7 +5,7 @@ use pfd_geometry::{GrayImage, Image, Pose};
 use pfd_vision::VisionError;
 use pfd_vision::warp::box_mean;
 
-use super::view::{Motion, OUTSIDE, Pinhole, ViewFrame};
+use super::view::{Motion, OUTSIDE, Pinhole, ViewFrame, along};
 
 /// Side of the window whose mean is taken off for the texture image, working pixels: shadows and exposure change more slowly
 /// over the image than this, texture faster.
@@ -26,7 +26,7 @@ impl Warp {
     pub(crate) fn apply(&self, camera: &Pinhole, ray: [f32; 2], z: f32) -> Option<([f32; 2], f32)> {
         match self {
             Self::Rigid(motion) => {
-                let p = motion.apply([ray[0] * z, ray[1] * z, z]);
+                let p = motion.apply(along(ray, z));
                 (p[2] > 0.0).then(|| (camera.project(p), p[2]))
             }
             Self::Plane(h) => {
@@ -44,16 +44,16 @@ impl Warp {
         let surfaces = rays.iter().zip(depth);
         match self {
             Self::Rigid(motion) => {
-                for (out, (&[x, y], &z)) in out.iter_mut().zip(surfaces) {
-                    let p = motion.apply([x * z, y * z, z]);
-                    let place = camera.place(camera.project(p));
+                for (out, (&ray, &z)) in out.iter_mut().zip(surfaces) {
+                    let p = motion.apply(along(ray, z));
+                    let place = camera.nearest_index(camera.project(p));
                     *out = if z > 0.0 && p[2] > 0.0 { place } else { OUTSIDE };
                 }
             }
             Self::Plane(_) => {
                 for (out, (&ray, &z)) in out.iter_mut().zip(surfaces) {
                     let place = (z > 0.0).then(|| self.apply(camera, ray, z)).flatten();
-                    *out = place.map_or(OUTSIDE, |(pixel, _)| camera.place(pixel));
+                    *out = place.map_or(OUTSIDE, |(pixel, _)| camera.nearest_index(pixel));
                 }
             }
         }

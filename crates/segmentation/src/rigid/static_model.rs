@@ -6,7 +6,7 @@
 
 use pfd_geometry::{DepthNoise, Image};
 
-use super::view::{Motion, Pinhole, ViewFrame};
+use super::view::{Motion, Pinhole, ViewFrame, along};
 
 /// One surface point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -141,11 +141,11 @@ impl StaticModel {
         self.outside.retain_mut(|point| {
             point.position = motion.apply(point.position);
             point.hits *= KEPT_OUTSIDE;
-            point.is_believed() && place(camera, point, target) == Place::Beside
+            point.is_believed() && splat(camera, point, target) == Place::Beside
         });
         for point in self.points.pixels().iter().filter(|p| p.is_known()) {
             let moved = ModelPoint { position: motion.apply(point.position), ..*point };
-            let is_beside = place(camera, &moved, target) == Place::Beside;
+            let is_beside = splat(camera, &moved, target) == Place::Beside;
             if is_beside && moved.is_believed() && self.outside.len() < camera.pixels() {
                 self.outside.push(moved);
             }
@@ -185,7 +185,7 @@ impl StaticModel {
                 }
                 continue;
             }
-            let position = [ray[0] * z, ray[1] * z, z];
+            let position = along(*ray, z);
             if !point.is_known() {
                 *point = ModelPoint::new(position, gray);
             } else if differs {
@@ -208,7 +208,7 @@ enum Place {
 
 /// Puts a point onto its pixel, unless what is there stays, and says where it lies.
 #[inline]
-fn place(camera: &Pinhole, point: &ModelPoint, target: &mut [ModelPoint]) -> Place {
+fn splat(camera: &Pinhole, point: &ModelPoint, target: &mut [ModelPoint]) -> Place {
     if point.position[2] < MIN_Z {
         return Place::Gone;
     }

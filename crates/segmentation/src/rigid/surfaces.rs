@@ -192,7 +192,7 @@ impl Surfaces {
         depth: &[f32],
     ) -> Vec<[f32; 3]> {
         let here = |&i: &usize| self.labels[i] == surface && wanted(i);
-        let point = |i: usize| camera.unproject((i % camera.width) as f32, (i / camera.width) as f32, depth[i]);
+        let point = |i: usize| camera.point(i, depth[i]);
         let step = (self.list[surface as usize].still as usize / SAMPLE).max(1);
         (0..depth.len()).filter(here).step_by(step).map(point).collect()
     }

@@ -15,7 +15,7 @@ use crate::rigid::static_model::{ModelPoint, StaticModel};
 use crate::rigid::surfaces::Relief;
 use crate::rigid::things;
 use crate::rigid::undecided::Findings;
-use crate::rigid::view::ViewFrame;
+use crate::rigid::view::{Pinhole, ViewFrame};
 
 /// Regions start where the log-odds exceed this.
 const HYSTERESIS: f32 = 0.3;
@@ -141,10 +141,10 @@ impl RigidSegmenter {
     /// Lets go of what has rested long enough: it becomes part of the static scene.
     fn release(&mut self, time: f64) {
         let rest = self.config.rest_time;
-        let (rays, frame, model) = (&self.view.rays, &self.current, &mut self.model);
+        let (camera, frame, model) = (&self.view.camera, &self.current, &mut self.model);
         let rested = self.objects.release(|o| time - o.last_motion > rest * f64::from(o.peak).max(MIN_REST));
         for i in rested.into_iter().flat_map(|o| o.pixels) {
-            adopt(rays, frame, model, i as usize);
+            adopt(camera, frame, model, i as usize);
         }
     }
 
@@ -173,10 +173,9 @@ fn mark(components: &[Component], pixels: usize, out: &mut Vec<bool>) {
     components.iter().flat_map(|c| &c.pixels).for_each(|&i| out[i as usize] = true);
 }
 
-fn adopt(rays: &[[f32; 2]], frame: &ViewFrame, model: &mut StaticModel, i: usize) {
+fn adopt(camera: &Pinhole, frame: &ViewFrame, model: &mut StaticModel, i: usize) {
     let z = frame.depth.pixels()[i];
     if z > 0.0 {
-        let [x, y] = rays[i].map(|slope| slope * z);
-        model.points_mut()[i] = ModelPoint::new([x, y, z], f32::from(frame.gray.pixels()[i]));
+        model.points_mut()[i] = ModelPoint::new(camera.point(i, z), f32::from(frame.gray.pixels()[i]));
     }
 }
