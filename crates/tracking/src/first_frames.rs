@@ -48,7 +48,7 @@ impl FirstFrames {
         let mut map = Map::default();
         let id = local_mapping::insert_keyframe(&mut map, camera, config, newest, &[]);
         let points: Vec<_> = map.keyframe(id)?.observed().map(|(_, point)| point).collect();
-        let localizer = Localizer { camera, config, map: &map };
+        let localizer = Localizer::new(camera, config, &map);
         let mut poses = vec![(stamp, pose)];
         let mut start = pose;
         for frame in self.frames.iter().rev() {

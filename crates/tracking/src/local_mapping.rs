@@ -15,8 +15,9 @@ const FUSE_NEIGHBOURS: usize = 10;
 const FUSE_RADIUS: f64 = 3.0;
 /// Keyframes after which a point must have been seen often enough.
 const PROBATION_KEYFRAMES: usize = 3;
-/// Observations that a point must have after probation.
-const MIN_OBSERVATIONS: usize = 3;
+/// Observations that a point must have after probation. Where a camera turns past walls with little on them, many are seen from two keyframes
+/// only, and nothing else ties these to each other: without them a keyframe goes astray in the next adjustment.
+const MIN_OBSERVATIONS: usize = 2;
 /// Frames that must show free space where a point should be before it is given up.
 const MIN_CONTRADICTIONS: u32 = 5;
 /// A surface must lie this many standard deviations behind a point to contradict it.
@@ -248,4 +249,56 @@ fn is_redundant(map: &Map, config: &TrackingConfig, id: KeyframeId) -> bool {
         }
     }
     total > 0 && redundant as f64 > config.mapping.redundant_share * total as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image_features::ImageFeatures;
+    use crate::residual::Measurement;
+    use nalgebra::Point2;
+    use pfd_geometry::Stamp;
+
+    /// A map of so many keyframes with room for three points each.
+    fn map_of(keyframes: usize) -> (Map, Vec<KeyframeId>) {
+        let measured = Measurement { pixel: Point2::new(1.0, 1.0), sigma: 1.0, depth: Some((1.0, 0.01)) };
+        let features = ImageFeatures::from_measurements((64, 64), vec![measured; 3]);
+        let keyframe = || Keyframe::new(Stamp::default(), 0, Pose::identity(), features.clone());
+        let mut map = Map::default();
+        let order = (0..keyframes).map(|_| map.add_keyframe(keyframe())).collect();
+        (map, order)
+    }
+
+    fn add_point(map: &mut Map, feature: usize, seen_by: &[KeyframeId]) -> MapPointId {
+        let point = map.add_point(Point3::origin(), Observation { keyframe: seen_by[0], feature }).unwrap();
+        for &keyframe in &seen_by[1..] {
+            map.add_observation(point, Observation { keyframe, feature });
+        }
+        point
+    }
+
+    #[test]
+    fn after_probation_points_stay_that_tie_two_keyframes_and_go_that_only_one_has_seen() {
+        let (mut map, order) = map_of(1 + PROBATION_KEYFRAMES);
+        let (tie, alone) = (add_point(&mut map, 0, &order[..2]), add_point(&mut map, 1, &order[1..2]));
+        let remaining = |map: &Map| [tie, alone].map(|id| map.point(id).is_some());
+        cull_points(&mut map, &TrackingConfig::default(), &order[..PROBATION_KEYFRAMES]);
+        assert_eq!(remaining(&map), [true, true], "on probation");
+        cull_points(&mut map, &TrackingConfig::default(), &order);
+        assert_eq!(remaining(&map), [true, false]);
+    }
+
+    #[test]
+    fn points_go_that_are_seldom_found_or_seen_through() {
+        let (mut map, order) = map_of(2);
+        let [good, rare, contradicted] = [0, 1, 2].map(|feature| add_point(&mut map, feature, &order));
+        let mut count = |id, counts: Counts, times: u32| {
+            (0..times).for_each(|_| map.point_mut(id).unwrap().counts.add(counts));
+        };
+        count(good, Counts::FOUND, MIN_VISIBLE);
+        count(rare, Counts::MISSED, MIN_VISIBLE);
+        count(contradicted, Counts::CONTRADICTED, MIN_CONTRADICTIONS);
+        cull_points(&mut map, &TrackingConfig::default(), &order);
+        assert_eq!([good, rare, contradicted].map(|id| map.point(id).is_some()), [true, false, false]);
+    }
 }

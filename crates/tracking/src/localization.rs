@@ -8,7 +8,7 @@ use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
 use crate::map::{KeyframeId, Map, MapPointId};
 use crate::matching::{Match, match_by_projection, match_descriptors, predict};
-use crate::pose_optimization::{PoseObservation, optimize_pose};
+use crate::pose_optimization::{PoseObservation, PosePrior, optimize_pose};
 
 /// A pose with the map points that support it.
 #[derive(Clone, Debug)]
@@ -91,6 +91,10 @@ fn first_complete<const N: usize>(attempts: [&dyn Fn() -> Option<Localized>; N])
 /// A clear pose gives way to another when that finds this many times its points: a few more say nothing.
 const SURPASSING: f64 = 1.2;
 
+/// A pose that the motion so far leads to needs this share of the points that support one to which it hardly does: nearly as many, as the
+/// other was free to find the most.
+const GUIDED: f64 = 0.8;
+
 /// What localisation works with.
 #[derive(Clone, Copy)]
 pub struct Localizer<'a> {
@@ -100,9 +104,16 @@ pub struct Localizer<'a> {
     pub config: &'a TrackingConfig,
     /// The map.
     pub map: &'a Map,
+    /// What is known of the pose beside what is seen.
+    prior: Option<PosePrior>,
 }
 
-impl Localizer<'_> {
+impl<'a> Localizer<'a> {
+    /// One that goes by what is seen alone.
+    pub fn new(camera: &'a Camera, config: &'a TrackingConfig, map: &'a Map) -> Self {
+        Self { camera, config, map, prior: None }
+    }
+
     /// Follows the camera from the last frame, or failing that from the reference keyframe, and refines in the local map.
     pub fn follow(&self, features: &ImageFeatures, known: &Expectation<'_>, rng: &mut Pcg32) -> Option<Localized> {
         let near = |pose| self.from_prediction(features, known.last_points, pose);
@@ -132,6 +143,22 @@ impl Localizer<'_> {
         let anywhere = self.from_keyframe(features, known.reference, &known.last, rng);
         let other = anywhere.and_then(|anywhere| self.settle(features, &anywhere));
         other.filter(|other| other.matches.len() > found.matches.len()).unwrap_or(found)
+    }
+
+    /// The pose by what is seen and by the `prior`, if it explains nearly as much of what is seen as the pose that was `found`, to which the
+    /// motion so far hardly leads.
+    pub fn guided(
+        &self,
+        features: &ImageFeatures,
+        known: &Expectation<'_>,
+        prior: PosePrior,
+        found: Localized,
+    ) -> Localized {
+        let guided = Self { prior: Some(prior), ..*self };
+        let first = guided.from_prediction(features, known.last_points, &prior.T_camera_world);
+        let radius = self.config.matching.local_map_radius;
+        let pose = first.and_then(|first| guided.in_local_map(features, &first, radius).or(Some(first)));
+        pose.filter(|pose| pose.matches.len() as f64 >= GUIDED * found.matches.len() as f64).unwrap_or(found)
     }
 
     /// Tracks the points of the last frame from a predicted pose (Mur-Artal et al., T-RO 2015, section V-B).
@@ -239,7 +266,7 @@ impl Localizer<'_> {
         };
         let (matches, observations): (Vec<_>, Vec<_>) =
             matches.into_iter().filter_map(|m| Some((m, observe(&m)?))).unzip();
-        let estimate = optimize_pose(self.camera, &observations, initial)?;
+        let estimate = optimize_pose(self.camera, &observations, initial, self.prior.as_ref())?;
         let consensus = estimate.inlier_count() as f64 / matches.len().max(1) as f64;
         let agreed = matches.into_iter().zip(&estimate.inliers).filter_map(|(m, &inlier)| inlier.then_some(m));
         let matches: Vec<_> = agreed.collect();
@@ -304,7 +331,7 @@ mod tests {
     fn a_doubtful_pose_gives_way_to_one_with_more_support_and_to_no_other() {
         let (points, map) = wall_and_desk(60, 60);
         let (camera, config) = (camera(), TrackingConfig::default());
-        let localizer = Localizer { camera: &camera, config: &config, map: &map };
+        let localizer = Localizer::new(&camera, &config, &map);
         let truth = pose::exp(&Vector6::new(0.05, 0.0, 0.02, 0.0, 0.01, 0.0));
         let features = look(&points, &truth);
         let (reference, _) = map.keyframes().next().unwrap();
@@ -321,5 +348,34 @@ mod tests {
         assert!(pose::log(&(found.T_camera_world * truth.inverse())).norm() < 1e-3);
         let jolted = localizer.reconsider(&features, &known, right.clone(), &mut rng);
         assert_eq!(jolted.T_camera_world, right.T_camera_world, "nothing has more support");
+    }
+
+    #[test]
+    #[allow(non_snake_case)]
+    fn an_unlikely_pose_gives_way_to_one_that_the_motion_leads_to_unless_much_less_is_seen_from_there() {
+        let (points, map) = wall_and_desk(60, 60);
+        let (camera, config) = (camera(), TrackingConfig::default());
+        let localizer = Localizer::new(&camera, &config, &map);
+        let truth = pose::exp(&Vector6::new(0.05, 0.0, 0.02, 0.0, 0.01, 0.0));
+        let features = look(&points, &truth);
+        let (reference, _) = map.keyframes().next().unwrap();
+        let last_points: Vec<_> = map.points().map(|(id, _)| id).collect();
+        let known = Expectation { predicted: truth, last: truth, last_points: &last_points, reference };
+        let right = localizer.follow(&features, &known, &mut Pcg32::seed_from_u64(2)).unwrap();
+        let leap = pose::exp(&Vector6::new(-0.23, 0.0, 0.0, 0.0, -0.05, 0.0)) * truth;
+        let supported_by = |count: usize| Localized {
+            T_camera_world: leap,
+            matches: right.matches[..count].to_vec(),
+            ..right.clone()
+        };
+        let prior = |T_camera_world| PosePrior { T_camera_world, information: Matrix6::identity() * 1e5 };
+        let choice = |prior, found| localizer.guided(&features, &known, prior, found).T_camera_world;
+        let near_truth = pose::exp(&Vector6::new(0.004, 0.0, 0.0, 0.0, 0.002, 0.0)) * truth;
+        for count in [60, 120] {
+            let chosen = choice(prior(near_truth), supported_by(count));
+            assert!(pose::log(&(chosen * truth.inverse())).norm() < 2e-3, "{count} points support the leap");
+        }
+        let beside = pose::exp(&Vector6::new(0.1, 0.1, 0.0, 0.0, 0.0, 0.0)) * truth;
+        assert_eq!(choice(prior(beside), supported_by(120)), leap, "the camera was jolted");
     }
 }

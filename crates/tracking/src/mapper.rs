@@ -158,7 +158,7 @@ impl Mapper {
             return false;
         }
         let search = loop_closing::Search { places: &self.places, order: &self.order, segments: &self.segments };
-        let localizer = Localizer { camera: &self.camera, config: &self.config, map: &self.map };
+        let localizer = Localizer::new(&self.camera, &self.config, &self.map);
         let Some(found) = loop_closing::detect(&localizer, &search, newest, rng) else { return false };
         if self.segments.are_joined(found.current, found.earlier) {
             let segment = self.segments.with(&self.order, newest);

@@ -4,6 +4,7 @@ use nalgebra::{Matrix6, Vector6};
 use pfd_geometry::{Pose, Stamp, pose};
 
 use crate::motion_filter::{MotionFilter, UncertainPose};
+use crate::pose_optimization::PosePrior;
 
 /// A gap longer than this (seconds) says nothing about the velocity.
 const MAX_EXTRAPOLATION: f64 = 0.5;
@@ -58,6 +59,11 @@ impl Motion {
     pub(crate) fn is_unlikely(&self, stamp: Stamp, found: &UncertainPose) -> bool {
         let elapsed = stamp.seconds_since(self.stamp);
         elapsed <= MAX_EXTRAPOLATION && self.filter.is_unlikely(&self.T_camera_world, elapsed, found)
+    }
+
+    /// What the motion so far says of the pose at `stamp`.
+    pub(crate) fn prior(&self, stamp: Stamp) -> Option<PosePrior> {
+        self.filter.prior(&self.T_camera_world, stamp.seconds_since(self.stamp))
     }
 
     /// Whether the motion so far says where the camera is at `stamp`.

@@ -3,6 +3,8 @@
 use nalgebra::{Matrix6, SMatrix, Vector6};
 use pfd_geometry::{Pose, pose};
 
+use crate::pose_optimization::PosePrior;
+
 type Matrix12 = SMatrix<f64, 12, 12>;
 
 /// Errors of poses in standard deviations as normal equations state them: those take the map as exact and corners as independent. Beside
@@ -68,6 +70,13 @@ impl MotionFilter {
     /// Where the camera is `dt` seconds after it was at `last`.
     pub(crate) fn predict(&self, last: &Pose, dt: f64) -> Pose {
         pose::exp(&(self.velocity * dt)) * last
+    }
+
+    /// What is known of the pose `dt` seconds after the camera was at `last`, as certain beside what is seen as normal equations state that.
+    pub(crate) fn prior(&self, last: &Pose, dt: f64) -> Option<PosePrior> {
+        let covariance = self.covariance_after(dt).fixed_view::<6, 6>(0, 0).into_owned();
+        let information = covariance.try_inverse()? * UNDERSTATED.powi(2);
+        Some(PosePrior { T_camera_world: self.predict(last, dt), information })
     }
 
     /// Takes in the pose that was found `dt` seconds after the camera was at `last`. Returns the pose by all that is known; the
@@ -228,6 +237,20 @@ mod tests {
         assert!(is_unlikely(leap, 0.01));
         assert!(!is_unlikely(leap, 0.1));
         assert!(!is_unlikely(pose::exp(&Vector6::new(0.01, 0.0, 0.0, 0.0, 0.01, 0.0)), 0.01), "twice as fast");
+    }
+
+    #[test]
+    fn what_is_known_before_a_frame_is_the_prediction_and_less_with_time() {
+        let mut filter = MotionFilter::start(&(Matrix6::identity() * 1e-6));
+        let mut last = Pose::identity();
+        let step = pose::exp(&Vector6::new(0.01, 0.0, 0.0, 0.0, 0.01, 0.0));
+        for _ in 0..10 {
+            last = filter.update(&last, DT, &uncertain(step * last, 1e-3)).T_camera_world;
+        }
+        let [soon, late] = [DT, 5.0 * DT].map(|dt| filter.prior(&last, dt).unwrap());
+        assert_eq!(soon.T_camera_world, filter.predict(&last, DT));
+        assert!(soon.information.cholesky().is_some(), "an information matrix is positive definite");
+        assert!((0..6).all(|k| soon.information[(k, k)] > 4.0 * late.information[(k, k)]));
     }
 
     #[test]

@@ -17,6 +17,16 @@ pub struct PoseObservation {
     pub weight: f64,
 }
 
+/// What is known of a pose without the observations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(non_snake_case)]
+pub struct PosePrior {
+    /// World to camera.
+    pub T_camera_world: Pose,
+    /// Inverse covariance of a perturbation in the camera frame (tx ty tz rx ry rz), on the scale of the observations' standard deviations.
+    pub information: Matrix6<f64>,
+}
+
 /// An estimated pose.
 #[derive(Clone, Debug, PartialEq)]
 #[allow(non_snake_case)]
@@ -50,10 +60,15 @@ const OPEN: f64 = 1e-10;
 /// A step smaller than this (metres and radians) ends the iteration.
 const STEP_TOLERANCE: f64 = 1e-7;
 
-/// Estimates the pose from `observations`, starting at `initial`.
+/// Estimates the pose from `observations`, starting at `initial`, and from a `prior` if there is one.
 ///
 /// `None` when the observations do not determine a pose (too few, degenerate, or no agreement).
-pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial: &Pose) -> Option<PoseEstimate> {
+pub fn optimize_pose(
+    camera: &Camera,
+    observations: &[PoseObservation],
+    initial: &Pose,
+    prior: Option<&PosePrior>,
+) -> Option<PoseEstimate> {
     let mut estimate = *initial;
     let mut inliers = vec![true; observations.len()];
     for round in 0..ROUNDS {
@@ -62,7 +77,11 @@ pub fn optimize_pose(camera: &Camera, observations: &[PoseObservation], initial:
         }
         let robust = round < ROBUST_ROUNDS;
         for _ in 0..ITERATIONS {
-            let (hessian, gradient) = normal_equations(camera, observations, &inliers, &estimate, robust);
+            let (mut hessian, mut gradient) = normal_equations(camera, observations, &inliers, &estimate, robust);
+            if let Some(prior) = prior {
+                hessian += prior.information;
+                gradient += prior.information * pose::log(&(estimate * prior.T_camera_world.inverse()));
+            }
             let step = hessian.cholesky()?.solve(&-gradient);
             estimate = pose::exp(&step) * estimate;
             if step.norm() < STEP_TOLERANCE {
@@ -165,7 +184,8 @@ mod tests {
     fn recovers_the_pose_despite_outliers() {
         let truth = pose::exp(&Vector6::new(0.05, -0.02, 0.1, 0.02, -0.03, 0.05));
         for with_depth in [true, false] {
-            let estimate = optimize_pose(&camera(), &scene(100, 25, &truth, with_depth), &Pose::identity()).unwrap();
+            let estimate =
+                optimize_pose(&camera(), &scene(100, 25, &truth, with_depth), &Pose::identity(), None).unwrap();
             assert!(pose::log(&(estimate.T_camera_world * truth.inverse())).norm() < 1e-6);
             assert_eq!(estimate.inlier_count(), 75);
             assert!(estimate.covariance.cholesky().is_some(), "a covariance is positive definite");
@@ -184,7 +204,7 @@ mod tests {
             let walker = scene(120, 0, &truth, true).into_iter().skip(30);
             let walker = walker.map(|o| PoseObservation { weight, ..moved(o) });
             let all: Vec<_> = still.iter().copied().chain(walker).collect();
-            let found = optimize_pose(&camera(), &all, &truth).unwrap();
+            let found = optimize_pose(&camera(), &all, &truth, None).unwrap();
             (pose::log(&(found.T_camera_world * truth.inverse())).norm(), found)
         };
         let (equal, _) = error_with(1.0);
@@ -195,11 +215,28 @@ mod tests {
     }
 
     #[test]
+    fn a_prior_counts_by_its_information() {
+        let truth = pose::exp(&Vector6::new(0.05, -0.02, 0.1, 0.02, -0.03, 0.05));
+        let observations = scene(100, 0, &truth, true);
+        let off = pose::exp(&Vector6::new(0.01, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let error_with = |information: f64| {
+            let information = Matrix6::identity() * information;
+            let prior = PosePrior { T_camera_world: off * truth, information };
+            let found = optimize_pose(&camera(), &observations, &truth, Some(&prior)).unwrap();
+            pose::log(&(found.T_camera_world * truth.inverse())).norm()
+        };
+        let [nothing, something, everything] = [0.0, 1e6, 1e12].map(error_with);
+        assert!(nothing < 1e-9, "{nothing}");
+        assert!((0.0005..0.0095).contains(&something), "{something}");
+        assert!((everything - 0.01).abs() < 1e-5, "{everything}");
+    }
+
+    #[test]
     fn only_the_ratio_of_weights_matters() {
         let truth = pose::exp(&Vector6::new(0.05, -0.02, 0.1, 0.02, -0.03, 0.05));
         let with = |weight: f64| {
             let observations = scene(50, 5, &truth, true).into_iter().map(|o| PoseObservation { weight, ..o });
-            optimize_pose(&camera(), &observations.collect::<Vec<_>>(), &Pose::identity()).unwrap()
+            optimize_pose(&camera(), &observations.collect::<Vec<_>>(), &Pose::identity(), None).unwrap()
         };
         let (one, tenth) = (with(1.0), with(0.1));
         assert!((one.covariance - tenth.covariance).norm() < 1e-9 * one.covariance.norm());
@@ -223,7 +260,7 @@ mod tests {
                 PoseObservation { measured: Measurement { pixel, sigma, depth }, weight, ..*o }
             };
             let observations: Vec<_> = exact.iter().enumerate().map(disturb).collect();
-            let found = optimize_pose(&camera(), &observations, &truth).unwrap();
+            let found = optimize_pose(&camera(), &observations, &truth, None).unwrap();
             stated += found.covariance / TRIALS as f64;
             squares += pose::log(&(found.T_camera_world * truth.inverse())).map(|e| e * e) / TRIALS as f64;
         }
@@ -256,26 +293,26 @@ mod tests {
             (0..25).map(|i| (120.0 + 100.0 * f64::from(i % 5), 80.0 + 80.0 * f64::from(i / 5))).collect();
         let three = [(150.0, 100.0), (500.0, 150.0), (300.0, 400.0)];
         for observations in [wall(&grid, &truth, true), wall(&grid, &truth, false), wall(&three, &truth, true)] {
-            let found = optimize_pose(&camera(), &observations, &Pose::identity()).unwrap();
+            let found = optimize_pose(&camera(), &observations, &Pose::identity(), None).unwrap();
             assert!(pose::log(&(found.T_camera_world * truth.inverse())).norm() < 1e-6);
         }
         // Seen from where they were made, the points of a line leave the rotation about it open.
         for row in [17.0, 100.0, 240.0, 333.3] {
             let line: Vec<_> = (0..20).map(|i| (100.0 + 20.0 * f64::from(i), row)).collect();
-            assert_eq!(optimize_pose(&camera(), &wall(&line, &Pose::identity(), true), &Pose::identity()), None);
+            assert_eq!(optimize_pose(&camera(), &wall(&line, &Pose::identity(), true), &Pose::identity(), None), None);
         }
     }
 
     #[test]
     fn degenerate_observations_have_no_pose() {
         let truth = Pose::identity();
-        assert_eq!(optimize_pose(&camera(), &scene(2, 0, &truth, true), &truth), None);
+        assert_eq!(optimize_pose(&camera(), &scene(2, 0, &truth, true), &truth, None), None);
         let same = vec![scene(1, 0, &truth, false)[0]; 50];
-        assert_eq!(optimize_pose(&camera(), &same, &truth), None, "one point seen fifty times");
+        assert_eq!(optimize_pose(&camera(), &same, &truth, None), None, "one point seen fifty times");
         let mut behind = scene(50, 0, &truth, true);
         for observation in &mut behind {
             observation.point.z = -1.0;
         }
-        assert_eq!(optimize_pose(&camera(), &behind, &truth), None);
+        assert_eq!(optimize_pose(&camera(), &behind, &truth, None), None);
     }
 }

@@ -228,7 +228,7 @@ mod tests {
                 weight: 1.0,
             };
             let observations: Vec<_> = world.iter().enumerate().map(observe).collect();
-            let found = optimize_pose(&camera(), &observations, &Pose::identity()).unwrap().T_camera_world;
+            let found = optimize_pose(&camera(), &observations, &Pose::identity(), None).unwrap().T_camera_world;
             let sighting = |(feature, point)| Sighting { point, feature, placement: Placement::default() };
             readout.observe(&camera(), &found, &seen, world.iter().copied().enumerate().map(sighting));
         }

@@ -13,7 +13,7 @@ use crate::result::{TrackingError, TrackingState};
 
 impl Tracker {
     fn localizer(&self) -> Localizer<'_> {
-        Localizer { camera: &self.camera, config: &self.config, map: self.mapper.map() }
+        Localizer::new(&self.camera, &self.config, self.mapper.map())
     }
 
     /// The pose of the candidate: with the mask, where that leaves too little without, and at last by recognising the place.
@@ -70,7 +70,7 @@ impl Tracker {
             _ => active.motion.velocity_at(self.last_stamp.unwrap_or_default(), &found.T_camera_world),
         };
         // Not `self.localizer()`, which would borrow the refinement as well.
-        let localizer = Localizer { camera: &self.camera, config: &self.config, map: self.mapper.map() };
+        let localizer = Localizer::new(&self.camera, &self.config, self.mapper.map());
         self.refinement.refine(&localizer, velocity, features, found)
     }
 
@@ -115,7 +115,9 @@ impl Tracker {
         if !active.motion.is_unlikely(stamp, &pose) {
             return Some(found);
         }
-        Some(localizer.reconsider(features, &expectation, found, &mut self.rng.clone()))
+        let found = localizer.reconsider(features, &expectation, found, &mut self.rng.clone());
+        let Some(prior) = active.motion.prior(stamp) else { return Some(found) };
+        Some(localizer.guided(features, &expectation, prior, found))
     }
 
     fn relocalize(&mut self, features: &ImageFeatures) -> Option<Localized> {
