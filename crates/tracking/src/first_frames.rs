@@ -2,7 +2,8 @@
 //!
 //! Nothing tells movers from the room in the first frame, so the first map holds points on both, and the first poses follow a mix
 //! of camera and movers. A few frames later the masks are reliable: a map that starts there holds the room alone, and the frames
-//! before are localised in it backwards in time.
+//! before are localised in it backwards in time. A mover that is found later still may have taken all of these along: then that is
+//! done once more.
 
 use pfd_geometry::{Camera, Pose, Stamp};
 
@@ -23,12 +24,27 @@ struct EarlyFrame {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FirstFrames {
     frames: Vec<EarlyFrame>,
+    judged: bool,
+}
+
+/// Which time it is that a mask judges the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Judgement {
+    /// The first.
+    First,
+    /// A later one.
+    Again,
 }
 
 impl FirstFrames {
     /// Keeps a frame, the newest last.
     pub(crate) fn push(&mut self, stamp: Stamp, features: ImageFeatures) {
         self.frames.push(EarlyFrame { stamp, features });
+    }
+
+    /// Notes that a mask judges the map.
+    pub(crate) fn judge(&mut self) -> Judgement {
+        if std::mem::replace(&mut self.judged, true) { Judgement::Again } else { Judgement::First }
     }
 
     /// Number of frames kept.

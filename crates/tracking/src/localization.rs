@@ -145,8 +145,8 @@ impl<'a> Localizer<'a> {
         other.filter(|other| other.matches.len() > found.matches.len()).unwrap_or(found)
     }
 
-    /// The pose by what is seen and by the `prior`, if it explains nearly as much of what is seen as the pose that was `found`, to which the
-    /// motion so far hardly leads.
+    /// The pose by what is seen and by the `prior`, instead of one that was `found`, to which the motion so far hardly leads: if that is not
+    /// clear, and this explains nearly as much of what is seen.
     pub fn guided(
         &self,
         features: &ImageFeatures,
@@ -154,6 +154,9 @@ impl<'a> Localizer<'a> {
         prior: PosePrior,
         found: Localized,
     ) -> Localized {
+        if found.is_clear() {
+            return found;
+        }
         let guided = Self { prior: Some(prior), ..*self };
         let first = guided.from_prediction(features, known.last_points, &prior.T_camera_world);
         let radius = self.config.matching.local_map_radius;
@@ -363,10 +366,9 @@ mod tests {
         let known = Expectation { predicted: truth, last: truth, last_points: &last_points, reference };
         let right = localizer.follow(&features, &known, &mut Pcg32::seed_from_u64(2)).unwrap();
         let leap = pose::exp(&Vector6::new(-0.23, 0.0, 0.0, 0.0, -0.05, 0.0)) * truth;
-        let supported_by = |count: usize| Localized {
-            T_camera_world: leap,
-            matches: right.matches[..count].to_vec(),
-            ..right.clone()
+        let supported_by = |count: usize| {
+            let matches = right.matches[..count].to_vec();
+            Localized { T_camera_world: leap, matches, consensus: 0.4, ..right.clone() }
         };
         let prior = |T_camera_world| PosePrior { T_camera_world, information: Matrix6::identity() * 1e5 };
         let choice = |prior, found| localizer.guided(&features, &known, prior, found).T_camera_world;
@@ -377,5 +379,7 @@ mod tests {
         }
         let beside = pose::exp(&Vector6::new(0.1, 0.1, 0.0, 0.0, 0.0, 0.0)) * truth;
         assert_eq!(choice(prior(beside), supported_by(120)), leap, "the camera was jolted");
+        let clear = Localized { consensus: 0.9, ..supported_by(60) };
+        assert_eq!(choice(prior(near_truth), clear), leap, "what most associations agree on is believed");
     }
 }

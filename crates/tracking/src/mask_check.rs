@@ -1,12 +1,12 @@
 //! Whether the map contradicts a mask: points of the static scene that are seen where the mask says that something moves.
 
 use nalgebra::Point2;
-use pfd_geometry::{Camera, Mask};
+use pfd_geometry::{Camera, DepthImage, Mask};
 
 use crate::config::TrackingConfig;
 use crate::image_features::ImageFeatures;
 use crate::localization::Localized;
-use crate::map::Map;
+use crate::map::{Map, MapPointId};
 use crate::matching::{Match, predict};
 
 /// Points that must be seen behind the mask.
@@ -17,6 +17,9 @@ const MIN_RATIO: f64 = 0.5;
 
 /// Pixels by which two poses may displace a point and be the same.
 const MAX_DISPLACEMENT: f64 = 3.0;
+
+/// A surface shows a point that lies nearer or farther by no more than this, relative to depth, where a mover may have taken the pose along.
+const SAME_SURFACE: f64 = 0.1;
 
 /// How many points should be seen, and are.
 #[derive(Clone, Copy, Debug, Default)]
@@ -42,6 +45,24 @@ pub(crate) fn agree(map: &Map, camera: &Camera, masked: &Localized, unmasked: &L
     let displacements: Vec<f64> = masked.matches.iter().filter_map(displacement).collect();
     let small = displacements.iter().filter(|d| **d < MAX_DISPLACEMENT).count();
     2 * small > displacements.len()
+}
+
+/// Share of the points in view that lie on what the mask covers.
+pub(crate) fn covered_share(
+    map: &Map,
+    (camera, config): (&Camera, &TrackingConfig),
+    mask: &Mask,
+    depth: &DepthImage,
+    found: &Localized,
+) -> f64 {
+    let is_covered = |id: &MapPointId| {
+        let expected = predict(camera, &found.T_camera_world, map.point(*id)?, config)?;
+        let (u, v) = (expected.pixel.x.max(0.0) as usize, expected.pixel.y.max(0.0) as usize);
+        let shows_it = |z: f32| (f64::from(z) - expected.depth).abs() < SAME_SURFACE * expected.depth;
+        Some(mask.is_dynamic(u, v) && depth.at(u, v).is_some_and(shows_it))
+    };
+    let covered: Vec<bool> = found.sought.iter().filter_map(is_covered).collect();
+    covered.iter().filter(|covered| **covered).count() as f64 / covered.len().max(1) as f64
 }
 
 /// Whether a frame that was localised without its mask shows the static scene behind the mask.

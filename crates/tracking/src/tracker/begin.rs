@@ -9,10 +9,12 @@ use rand_pcg::Pcg32;
 
 use super::{Candidate, Tracker};
 use crate::active::Active;
-use crate::first_frames::FirstFrames;
+use crate::first_frames::{FirstFrames, Judgement};
+use crate::localization::Localized;
 use crate::map::Keyframe;
 use crate::map_file::{MapFileError, MapSnapshot};
 use crate::mapper::Mapper;
+use crate::mask_check;
 use crate::motion::Motion;
 use crate::motion_filter::UncertainPose;
 use crate::refinement::Refinement;
@@ -22,6 +24,11 @@ use crate::result::TrackingState;
 const SPEED: f64 = 1.0;
 /// After so long, seconds, it may be anywhere. The last keyframe of a map that was loaded may be days old, or younger than the frame.
 const ANYWHERE_AFTER: f64 = 100.0;
+
+/// The map begins anew a second time where a mask covers this share of what it holds in view, …
+const COVERED: f64 = 0.1;
+/// … until so many times the first frames have passed. Tracking all of them again takes a tenth of a second.
+const LAST_LOOK: usize = 4;
 
 /// Covariance of the motion of a camera that was lost for so long, seconds.
 fn displacement_covariance(seconds: f64) -> Matrix6<f64> {
@@ -42,18 +49,29 @@ impl Tracker {
     }
 
     /// Once [`crate::config::MappingConfig::first_frames`] have passed: when the mask shows that something moves, the map starts
-    /// anew with this frame, and the frames before it are tracked again. Returns whether it did.
-    pub(super) fn begin_anew(&mut self, candidate: &Candidate<'_>) -> bool {
-        let Some(first_frames) = &mut self.first_frames else { return false };
+    /// anew with this frame, and the frames before it are tracked again. The same happens some time later when a mask covers much of what
+    /// the map holds: a mover that was found late has taken the first poses along. Returns whether it did.
+    pub(super) fn begin_anew(&mut self, candidate: &Candidate<'_>, localized: &Localized) -> bool {
+        let Some(mut first_frames) = self.first_frames.take() else { return false };
         let enough = self.config.mapping.first_frames;
-        // A frame of which the mask is late decides nothing.
-        if first_frames.len() < enough || candidate.mask.is_none() && first_frames.len() < 2 * enough {
-            first_frames.push(candidate.frame.stamp(), candidate.features.clone());
-            return false;
-        }
-        let Some(first_frames) = self.first_frames.take() else { return false };
-        let moving = candidate.mask.is_some_and(|mask| mask.fraction() > 0.0);
-        if !moving || candidate.features.with_depth() < self.config.pose.min_initial_points {
+        let holds_movers = candidate.mask.filter(|_| first_frames.len() >= enough).is_some_and(|mask| {
+            let (model, depth) = ((&self.camera, &self.config), candidate.frame.depth());
+            match first_frames.judge() {
+                Judgement::First => mask.fraction() > 0.0,
+                Judgement::Again => {
+                    mask_check::covered_share(self.mapper.map(), model, mask, depth, localized) > COVERED
+                }
+            }
+        });
+        let begun = holds_movers && self.start_from_here(&first_frames, candidate);
+        first_frames.push(candidate.frame.stamp(), candidate.features.clone());
+        self.first_frames = (first_frames.len() < LAST_LOOK * enough).then_some(first_frames);
+        begun
+    }
+
+    /// Replaces the map by one that starts with this frame, if the frames before can be tracked in that. Returns whether they can.
+    fn start_from_here(&mut self, first_frames: &FirstFrames, candidate: &Candidate<'_>) -> bool {
+        if candidate.features.with_depth() < self.config.pose.min_initial_points {
             return false;
         }
         let newest =
@@ -84,7 +102,8 @@ impl Tracker {
     /// frame became a keyframe.
     pub(super) fn lose(&mut self, candidate: Candidate<'_>) -> bool {
         self.state = TrackingState::Lost;
-        let has_just_begun = self.first_frames.take().is_some();
+        let enough = self.config.mapping.first_frames;
+        let has_just_begun = self.first_frames.take().is_some_and(|frames| frames.len() <= enough);
         let stamp = candidate.frame.stamp();
         if candidate.features.with_depth() < self.config.pose.min_initial_points {
             self.lost_since = None;

@@ -14,7 +14,7 @@ impl Tracker {
         if !self.config.mapping.enabled {
             return false;
         }
-        if self.begin_anew(&candidate) {
+        if self.begin_anew(&candidate, localized) {
             return true;
         }
         self.remember(&candidate, localized);
