@@ -208,7 +208,8 @@ pub struct MappingConfig {
     #[schemars(range(min = 0.5, max = 20.0))]
     pub max_new_point_depth: f64,
     /// When the mask shows that something moves this many frames after a first one without mask, the map starts anew there and the
-    /// frames before are tracked again in it: segmentation needs some frames to tell movers from the room. 0 = off.
+    /// frames before are tracked again in it: segmentation needs some frames to tell movers from the room. Until four times as many have
+    /// passed, the same happens once more when the mask covers a tenth of the points in view. 0 = off.
     #[schemars(range(min = 0, max = 60))]
     pub first_frames: usize,
 }

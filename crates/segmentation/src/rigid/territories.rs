@@ -24,6 +24,14 @@ const IN_FRONT: f32 = 0.05;
 /// Pairs of scans that measure distances; each turn of a path against both scan directions takes another.
 const SCANS: usize = 2;
 
+/// Share of the corners that fit the camera motion best, hardly ever movers, …
+const BEST: f32 = 0.25;
+/// … and how far off, in standard deviations, such a share of normally distributed places lies: √(-2 ln (1 - [`BEST`])).
+const BEST_QUANTILE: f32 = 0.76;
+/// Corners on outlines, and those that a rolling shutter displaces, lie so many times farther off than the best ones suggest.
+const TAIL: f32 = 2.5;
+/// Least standard deviation of a corner's place, working pixels: none is found better.
+const LEAST_SIGMA: f32 = 0.2;
 /// Standard deviations of its place in the image from which a corner may belong to a mover. Depth has no say: on an outline it is often
 /// that of the other side.
 const MOVES_SIGMAS: f32 = 2.5;
@@ -239,6 +247,19 @@ impl Ways<'_> {
     }
 }
 
+/// Standard deviation of a still corner's place, working pixels, as those have it that fit the camera motion best, `expected` at most. A
+/// slow camera shows a slow mover.
+pub(crate) fn corner_sigma(corners: &[CornerMove], expected: f32) -> f32 {
+    let with_depth = corners.iter().filter(|corner| corner.chi2.is_some());
+    let mut errors: Vec<f32> = with_depth.map(|corner| corner.residual[0].hypot(corner.residual[1])).collect();
+    if errors.is_empty() {
+        return expected;
+    }
+    let best = (BEST * errors.len() as f32) as usize;
+    let (_, error, _) = errors.select_nth_unstable_by(best, f32::total_cmp);
+    (TAIL * *error / BEST_QUANTILE).max(LEAST_SIGMA).min(expected)
+}
+
 /// Whether enough corners leave the camera motion that some may be a mover; `sigma` as in [`Territories::verdicts`].
 pub(crate) fn enough_move(corners: &[CornerMove], sigma: f32) -> bool {
     corners.iter().filter(|corner| moves(corner, sigma)).count() >= MIN_GROUP as usize
@@ -291,6 +312,17 @@ mod tests {
         };
         assert_eq!([2, 18, 24, 38, 42, 70].map(owner), [Some(0), Some(0), Some(1), Some(1), Some(2), Some(2)]);
         assert_eq!(territories.borders, [(0, 1), (1, 2)]);
+    }
+
+    #[test]
+    fn corners_are_as_precise_as_those_that_fit_best_and_no_less_than_expected() {
+        let with_errors = |error: f32| [&[corner(10, [error, 0.0]); 6][..], &[corner(60, [9.0, 0.0]); 14]].concat();
+        let sigma = |error| corner_sigma(&with_errors(error), 0.7);
+        assert_eq!(sigma(0.0), LEAST_SIGMA);
+        assert!((sigma(0.1) - 0.1 * TAIL / BEST_QUANTILE).abs() < 1e-6);
+        assert_eq!(sigma(0.5), 0.7, "as much as the image motion lets expect");
+        let unknown = CornerMove { chi2: None, ..corner(10, [0.1, 0.0]) };
+        assert_eq!(corner_sigma(&[unknown; 20], 0.7), 0.7, "a corner without depth has no error");
     }
 
     #[test]

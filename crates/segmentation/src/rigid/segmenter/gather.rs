@@ -115,7 +115,8 @@ impl RigidSegmenter {
     /// Adds evidence around corners that move together, and against motion around the still ones beside them. The fewer earlier
     /// frames there are to compare with, the more corners say.
     fn blame_territories(&mut self, corners: &[CornerMove]) {
-        let (camera, sigma) = (self.view.camera, pixel_sigma(self.flow));
+        let camera = self.view.camera;
+        let sigma = territories::corner_sigma(corners, pixel_sigma(self.flow));
         if !territories::enough_move(corners, sigma) {
             return;
         }
