@@ -222,7 +222,7 @@ pub(crate) struct Earlier<'a> {
     pub(crate) appearance: &'a Appearance,
     /// Where current pixels lie in it.
     pub(crate) warp: Warp,
-    /// Uncertainty of the warp, pixels.
+    /// Uncertainty of the warp, pixels (see [`Scene::warp_sigma`]).
     pub(crate) pixel_sigma: f32,
     /// See [`depth_shift`].
     pub(crate) shift: f32,
@@ -422,17 +422,45 @@ impl Scene<'_> {
 
     /// Median luma difference between this frame and an earlier one where depth agrees: the change of exposure.
     pub(crate) fn exposure_since(&self, earlier: &Earlier<'_>) -> f32 {
-        let difference = |i: usize| {
+        let seen = self.seen_again(earlier, (0..self.rays.len()).step_by(EXPOSURE_SAMPLING));
+        let luma = |image: &GrayImage, i: usize| f32::from(image.pixels()[i]);
+        let difference = |(i, j, _)| luma(&self.frame.gray, i) - luma(&earlier.appearance.gray, j);
+        super::objects::median(&mut seen.map(difference).collect::<Vec<_>>()).unwrap_or(0.0)
+    }
+
+    /// How precisely an earlier frame is warped onto this one, pixels, by how much texture differs where it is strong and depth agrees;
+    /// no worse than [`Earlier::pixel_sigma`].
+    pub(crate) fn warp_sigma(&self, earlier: &Earlier<'_>) -> f32 {
+        let strong = |i: &usize| self.inside[*i] && self.gradient[*i] >= STRONG_GRADIENT;
+        let seen = self.seen_again(earlier, (0..self.rays.len()).step_by(WARP_SAMPLING).filter(strong));
+        let texture = (self.appearance.texture.pixels(), earlier.appearance.texture.pixels());
+        let slip = |(i, _, p): (usize, usize, [f32; 2])| {
+            let expected = bilinear(texture.1, self.camera, p)?;
+            Some((texture.0[i] - expected).abs() / self.gradient[i])
+        };
+        let mut slips: Vec<f32> = seen.filter_map(slip).collect();
+        if slips.len() < MIN_SLIPS {
+            return earlier.pixel_sigma;
+        }
+        let most = (MOST_SLIPS * slips.len() as f32) as usize;
+        let (_, slip, _) = slips.select_nth_unstable_by(most, f32::total_cmp);
+        (SLIP_TO_SIGMA * *slip).max(LEAST_WARP_SIGMA).min(earlier.pixel_sigma)
+    }
+
+    /// Those of the `pixels` that an earlier frame saw at the same depth, with the pixel and the position there.
+    fn seen_again(
+        &self,
+        earlier: &Earlier<'_>,
+        pixels: impl Iterator<Item = usize>,
+    ) -> impl Iterator<Item = (usize, usize, [f32; 2])> {
+        let usable = pixels.filter(|&i| self.is_usable(self.frame.depth.pixels()[i]));
+        usable.filter_map(|i| {
             let (p, z) = earlier.warp.apply(self.camera, self.rays[i], self.frame.depth.pixels()[i])?;
             let j = self.camera.nearest(p)?;
             let (near, far) = (earlier.appearance.near.pixels()[j], earlier.appearance.far.pixels()[j]);
             let same = near > 0.0 && self.relation(z, [near, far], earlier.shift) == Relation::Same;
-            same.then(|| f32::from(self.frame.gray.pixels()[i]) - f32::from(earlier.appearance.gray.pixels()[j]))
-        };
-        let usable = |i: &usize| self.is_usable(self.frame.depth.pixels()[*i]);
-        let mut all: Vec<f32> =
-            (0..self.rays.len()).step_by(EXPOSURE_SAMPLING).filter(usable).filter_map(difference).collect();
-        super::objects::median(&mut all).unwrap_or(0.0)
+            same.then_some((i, j, p))
+        })
     }
 
     /// Mean luma difference between frame and model where depth agrees: the change of exposure.
@@ -460,6 +488,18 @@ fn certainty(point: &ModelPoint) -> f32 {
 const LUMA_SAMPLING: usize = 7;
 /// … and with earlier frames.
 const EXPOSURE_SAMPLING: usize = 163;
+
+/// Every how many pixels texture is compared to measure a warp.
+const WARP_SAMPLING: usize = 23;
+/// So many must have been compared.
+const MIN_SLIPS: usize = 20;
+/// Share of them that is hardly ever on movers, …
+const MOST_SLIPS: f32 = 0.7;
+/// … and standard deviations per slip that is the largest of such a share. Normally distributed ones have nearly 1; large ones are more
+/// frequent, as depth errs along with the motion.
+const SLIP_TO_SIGMA: f32 = 1.5;
+/// Least uncertainty of a warp, pixels: images are interpolated.
+const LEAST_WARP_SIGMA: f32 = 0.1;
 
 /// The image at a position between pixels; `None` at the border.
 fn bilinear(image: &[f32], camera: &Pinhole, [x, y]: [f32; 2]) -> Option<f32> {
@@ -592,6 +632,22 @@ mod tests {
         }
         assert_eq!(other_texture(true, [0.0, 90.0], [40.0, 100.0]), 0.0, "the silhouette has moved");
         assert!(other_texture(false, [0.0, 90.0], [40.0, 100.0]) > 1.0);
+    }
+
+    #[test]
+    fn a_warp_is_as_precise_as_the_texture_of_most_pixels_says() {
+        let gradient = vec![20.0; CAMERA.pixels()];
+        let then = wall(false, [0.0, 90.0]);
+        let sigma_where = |slip: f32| {
+            let mut now = wall(false, [20.0 * slip, 90.0]);
+            now.texture.pixels_mut()[..CAMERA.pixels() / 4].fill(100.0);
+            learn(&now, &then, |scene, earlier| Scene { gradient: &gradient, ..*scene }.warp_sigma(earlier))
+        };
+        assert!((sigma_where(0.12) - 0.18).abs() < 1e-4, "{}", sigma_where(0.12));
+        assert_eq!(sigma_where(0.01), LEAST_WARP_SIGMA);
+        assert_eq!(sigma_where(1.0), 0.4, "as much as the image motion lets expect");
+        let plain = |scene: &Scene<'_>, earlier: &Earlier<'_>| scene.warp_sigma(earlier);
+        assert_eq!(learn(&then, &then, plain), 0.4, "nothing tells without texture");
     }
 
     #[test]

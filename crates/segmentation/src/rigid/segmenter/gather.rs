@@ -190,6 +190,7 @@ impl RigidSegmenter {
         let scene = self.scene();
         for e in &mut earlier {
             e.exposure = scene.exposure_since(e);
+            e.pixel_sigma = scene.warp_sigma(e);
         }
         scene.compare_earlier(&earlier, self.frames % (STRIDE * STRIDE), &mut field);
         drop(earlier);
@@ -225,7 +226,7 @@ impl RigidSegmenter {
     }
 }
 
-/// Uncertainty of a warp, and of a corner under it, working pixels, when the image moves by `flow` pixels.
+/// Uncertainty of a warp, and of a corner under it, working pixels, that is expected at most when the image moves by `flow` pixels.
 fn pixel_sigma(flow: f32) -> f32 {
     WARP_SIGMA + WARP_SIGMA_PER_PIXEL * flow
 }
