@@ -71,7 +71,7 @@ pub(crate) struct Territories {
 }
 
 impl Territories {
-    /// Divides the view among the corners with depth.
+    /// Divides the view among the corners. Those that had no depth own no surface, but bound what others own where depth is missing.
     pub(crate) fn divide(&mut self, camera: &Pinhole, noise: &DepthNoise, frame: &ViewFrame, corners: &[CornerMove]) {
         self.load(camera, frame);
         let cells = self.depth.len();
@@ -79,8 +79,8 @@ impl Territories {
         self.owners.resize(cells, NOBODY);
         self.distances.clear();
         self.distances.resize(cells, REACH);
-        for (k, corner) in corners.iter().enumerate().take(NOBODY as usize).filter(|(_, c)| c.chi2.is_some()) {
-            if let Some(seat) = self.seat(camera, corner.to) {
+        for (k, corner) in corners.iter().enumerate().take(NOBODY as usize) {
+            if let Some(seat) = self.seat(camera, corner) {
                 (self.owners[seat], self.distances[seat]) = (k as u16, 0.0);
             }
         }
@@ -108,7 +108,7 @@ impl Territories {
                 verdicts[k] = Verdict::Moving;
             }
         }
-        self.ask_around(&mut verdicts, |k| !moves(k));
+        self.ask_around(&mut verdicts, |k| corners[k as usize].chi2.is_some() && !moves(k));
         verdicts
     }
 
@@ -135,13 +135,16 @@ impl Territories {
     }
 
     /// The cell from which a corner's territory grows.
-    fn seat(&self, camera: &Pinhole, corner: usize) -> Option<usize> {
+    fn seat(&self, camera: &Pinhole, corner: &CornerMove) -> Option<usize> {
         let (columns, rows) = self.size;
-        let (u, v) = (corner % camera.width / CELL, corner / camera.width / CELL);
+        let (u, v) = (corner.to % camera.width / CELL, corner.to / camera.width / CELL);
         if u >= columns || v >= rows {
             return None;
         }
         let mut seat = v * columns + u;
+        if corner.chi2.is_none() {
+            return (self.depth[seat] == 0.0).then_some(seat);
+        }
         for y in v.saturating_sub(OUTLINE)..(v + OUTLINE + 1).min(rows) {
             for cell in (u.saturating_sub(OUTLINE)..(u + OUTLINE + 1).min(columns)).map(|x| y * columns + x) {
                 let (there, here) = (self.depth[cell], self.depth[seat]);
@@ -237,13 +240,19 @@ impl Ways<'_> {
     fn relax(&mut self, i: usize, from: usize) {
         let through = self.distances[from] + 1.0;
         let shorter = self.owners[from] != NOBODY && through < self.distances[i];
-        if !shorter || !self.continuity.connects(self.depth[i], self.depth[from]) {
+        if !shorter || !self.connects(self.depth[i], self.depth[from]) {
             return;
         }
         let through = through + PER_LEVEL * f32::from(self.gray[i].abs_diff(self.gray[from]));
         if through < self.distances[i] {
             (self.owners[i], self.distances[i]) = (self.owners[from], through);
         }
+    }
+
+    /// Whether two cells may lie on one surface: where depth is missing in both nothing speaks against it.
+    #[inline]
+    fn connects(&self, a: f32, b: f32) -> bool {
+        (a == 0.0 && b == 0.0) || self.continuity.connects(a, b)
     }
 }
 
@@ -312,6 +321,24 @@ mod tests {
         };
         assert_eq!([2, 18, 24, 38, 42, 70].map(owner), [Some(0), Some(0), Some(1), Some(1), Some(2), Some(2)]);
         assert_eq!(territories.borders, [(0, 1), (1, 2)]);
+    }
+
+    #[test]
+    fn where_depth_is_missing_a_corner_that_had_some_owns_what_no_other_does() {
+        let mut frame = frame();
+        for v in 0..16 {
+            (40..80).for_each(|u| frame.depth[(u, v)] = 0.0);
+        }
+        let unknown = CornerMove { chi2: None, ..corner(70, [3.0, 0.0]) };
+        let corners = [corner(10, [0.0; 2]), corner(50, [3.0, 0.0]), unknown];
+        let mut territories = Territories::default();
+        territories.divide(&CAMERA, &DepthNoise::default(), &frame, &corners);
+        let owner = |u: usize| {
+            territories.owned(&CAMERA).find(|(_, cell)| cell.contains(&(8 * CAMERA.width + u))).map(|(k, _)| k)
+        };
+        assert_eq!([30, 42, 56, 64].map(owner), [Some(0), Some(1), Some(1), Some(2)]);
+        let still = territories.verdicts(&[corner(10, [0.0; 2]), corner(50, [0.0; 2]), unknown], 0.4);
+        assert!(still.iter().all(|v| *v == Verdict::Silent));
     }
 
     #[test]
