@@ -13,9 +13,11 @@ const HEIGHT: usize = 480;
 const FOCAL: f64 = 500.0;
 /// What the tracker is told, as a share of the true focal length: so wrong that the place where the turn began is not met by itself.
 const CALIBRATION: f64 = 0.9;
-/// Frames of a full turn, and of what follows in view of the place where it began.
+/// Frames of a full turn, of what follows in view of the place where it began, and of the way back to just this place: elsewhere in view of
+/// it the wrong focal length alone makes an error of some degrees.
 const TURN: usize = 150;
 const AFTER: usize = 20;
+const BACK: usize = 20;
 /// Half the sides of the room, metres.
 const ROOM: [f64; 3] = [2.0, 1.4, 2.6];
 /// Side of the tiles of its walls, metres.
@@ -25,10 +27,11 @@ fn camera(factor: f64) -> Camera {
     Camera::new((WIDTH, HEIGHT), [FOCAL * factor, FOCAL * factor, 319.5, 239.5], Distortion::default()).unwrap()
 }
 
-/// Camera to world in frame `i`: it turns about the vertical on a small circle.
+/// Camera to world in frame `i`: it turns about the vertical on a small circle, and back at last.
 #[allow(non_snake_case)]
 fn T_world_camera(i: usize) -> Pose {
-    let angle = std::f64::consts::TAU * i as f64 / TURN as f64;
+    let steps = i.min(2 * (TURN + AFTER) - i);
+    let angle = std::f64::consts::TAU * steps as f64 / TURN as f64;
     pose::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, angle, 0.0)) * pose::exp(&Vector6::new(0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
 }
 
@@ -68,13 +71,13 @@ fn error_after_a_turn(loop_closing: bool) -> (f64, usize) {
     let mut tracker = Tracker::new(camera(CALIBRATION), &config, 0).unwrap();
     let still = Mask::empty(WIDTH, HEIGHT);
     let mut last = Pose::identity();
-    for i in 0..TURN + AFTER {
+    for i in 0..=TURN + AFTER + BACK {
         let tracked = tracker.track(&frame(i), Some(&still)).unwrap();
         assert_eq!(tracked.state, TrackingState::Ok, "frame {i}");
         last = tracked.T_world_camera.unwrap();
         tracker.map().check().unwrap();
     }
-    let truth = T_world_camera(0).inverse() * T_world_camera(TURN + AFTER - 1);
+    let truth = T_world_camera(0).inverse() * T_world_camera(TURN + AFTER + BACK);
     ((truth.inverse() * last).rotation.angle().to_degrees(), tracker.loops())
 }
 
@@ -85,5 +88,5 @@ fn a_closed_loop_takes_the_drift_out_of_the_map() {
     assert!(open > 3.0, "a wrong focal length makes a full turn longer or shorter: {open}°");
     let (closed, loops) = error_after_a_turn(true);
     assert!(loops >= 1, "the place where the camera began was not recognised");
-    assert!(closed < 0.5 * open, "{closed}° with a closed loop, {open}° without");
+    assert!(closed < 0.3 * open, "{closed}° with a closed loop, {open}° without");
 }
