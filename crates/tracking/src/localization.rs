@@ -330,48 +330,78 @@ mod tests {
         (points, map)
     }
 
+    /// A camera that has moved before a wall and a desk.
+    #[allow(non_snake_case)]
+    struct Moved {
+        camera: Camera,
+        config: TrackingConfig,
+        map: Map,
+        T_camera_world: Pose,
+        features: ImageFeatures,
+        reference: KeyframeId,
+        last_points: Vec<MapPointId>,
+    }
+
+    impl Moved {
+        #[allow(non_snake_case)]
+        fn new() -> Self {
+            let (points, map) = wall_and_desk(60, 60);
+            let T_camera_world = pose::exp(&Vector6::new(0.05, 0.0, 0.02, 0.0, 0.01, 0.0));
+            let features = look(&points, &T_camera_world);
+            let (reference, _) = map.keyframes().next().unwrap();
+            let last_points = map.points().map(|(id, _)| id).collect();
+            Self {
+                camera: camera(),
+                config: TrackingConfig::default(),
+                map,
+                T_camera_world,
+                features,
+                reference,
+                last_points,
+            }
+        }
+
+        /// With its last pose, which is the one predicted as well.
+        fn known(&self, last: Pose) -> Expectation<'_> {
+            Expectation { predicted: last, last, last_points: &self.last_points, reference: self.reference }
+        }
+
+        fn localizer(&self) -> Localizer<'_> {
+            Localizer::new(&self.camera, &self.config, &self.map)
+        }
+    }
+
     #[test]
     fn a_doubtful_pose_gives_way_to_one_with_more_support_and_to_no_other() {
-        let (points, map) = wall_and_desk(60, 60);
-        let (camera, config) = (camera(), TrackingConfig::default());
-        let localizer = Localizer::new(&camera, &config, &map);
-        let truth = pose::exp(&Vector6::new(0.05, 0.0, 0.02, 0.0, 0.01, 0.0));
-        let features = look(&points, &truth);
-        let (reference, _) = map.keyframes().next().unwrap();
-        let last_points: Vec<_> = map.points().map(|(id, _)| id).collect();
-        let (last, known_points) = (Pose::identity(), &last_points[..]);
-        let known = Expectation { predicted: last, last, last_points: known_points, reference };
+        let moved = Moved::new();
+        let (localizer, known) = (moved.localizer(), moved.known(Pose::identity()));
+        let (features, truth) = (&moved.features, moved.T_camera_world);
         let mut rng = Pcg32::seed_from_u64(2);
-        let right = localizer.follow(&features, &known, &mut rng).unwrap();
+        let right = localizer.follow(features, &known, &mut rng).unwrap();
         assert!(pose::log(&(right.T_camera_world * truth.inverse())).norm() < 1e-3);
         // The points of the wall alone, by a translation with the opposite rotation.
         let traded = pose::exp(&Vector6::new(-0.12, 0.0, 0.0, 0.0, -0.03, 0.0)) * truth;
         let wrong = Localized { T_camera_world: traded, matches: right.matches[..60].to_vec(), ..right.clone() };
-        let found = localizer.reconsider(&features, &known, wrong, &mut rng);
+        let found = localizer.reconsider(features, &known, wrong, &mut rng);
         assert!(pose::log(&(found.T_camera_world * truth.inverse())).norm() < 1e-3);
-        let jolted = localizer.reconsider(&features, &known, right.clone(), &mut rng);
+        let jolted = localizer.reconsider(features, &known, right.clone(), &mut rng);
         assert_eq!(jolted.T_camera_world, right.T_camera_world, "nothing has more support");
     }
 
     #[test]
     #[allow(non_snake_case)]
     fn an_unlikely_pose_gives_way_to_one_that_the_motion_leads_to_unless_much_less_is_seen_from_there() {
-        let (points, map) = wall_and_desk(60, 60);
-        let (camera, config) = (camera(), TrackingConfig::default());
-        let localizer = Localizer::new(&camera, &config, &map);
-        let truth = pose::exp(&Vector6::new(0.05, 0.0, 0.02, 0.0, 0.01, 0.0));
-        let features = look(&points, &truth);
-        let (reference, _) = map.keyframes().next().unwrap();
-        let last_points: Vec<_> = map.points().map(|(id, _)| id).collect();
-        let known = Expectation { predicted: truth, last: truth, last_points: &last_points, reference };
-        let right = localizer.follow(&features, &known, &mut Pcg32::seed_from_u64(2)).unwrap();
+        let moved = Moved::new();
+        let (localizer, known) = (moved.localizer(), moved.known(moved.T_camera_world));
+        let (features, truth) = (&moved.features, moved.T_camera_world);
+        let right = localizer.follow(features, &known, &mut Pcg32::seed_from_u64(2)).unwrap();
         let leap = pose::exp(&Vector6::new(-0.23, 0.0, 0.0, 0.0, -0.05, 0.0)) * truth;
         let supported_by = |count: usize| {
             let matches = right.matches[..count].to_vec();
             Localized { T_camera_world: leap, matches, consensus: 0.4, ..right.clone() }
         };
         let prior = |T_camera_world| PosePrior { T_camera_world, information: Matrix6::identity() * 1e5 };
-        let choice = |prior, found| localizer.guided(&features, &known, prior, found).T_camera_world;
+        let choice = |prior, found| localizer.guided(features, &known, prior, found).T_camera_world;
         let near_truth = pose::exp(&Vector6::new(0.004, 0.0, 0.0, 0.0, 0.002, 0.0)) * truth;
         for count in [60, 120] {
             let chosen = choice(prior(near_truth), supported_by(count));
