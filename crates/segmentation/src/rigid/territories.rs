@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_are_as_precise_as_those_that_fit_best_and_no_less_than_expected() {
+    fn corners_are_as_precise_as_those_that_fit_best_and_no_worse_than_expected() {
         let with_errors = |error: f32| [&[corner(10, [error, 0.0]); 6][..], &[corner(60, [9.0, 0.0]); 14]].concat();
         let sigma = |error| corner_sigma(&with_errors(error), 0.7);
         assert_eq!(sigma(0.0), LEAST_SIGMA);
