@@ -1,7 +1,7 @@
 //! Camera motion since the previous frame, and which corners do not follow it.
 
 use nalgebra::{Matrix3, Vector6};
-use pfd_geometry::{DepthNoise, Pose, pose};
+use pfd_geometry::{DepthNoise, Image, Pose, pose};
 use pfd_vision::VisionError;
 use pfd_vision::two_view::homography;
 use rand::SeedableRng;
@@ -27,6 +27,8 @@ pub(crate) struct CornerMove {
     pub(crate) displacement: [f32; 2],
     /// Movement beyond that of the camera, pixels; zero without depth.
     pub(crate) residual: [f32; 2],
+    /// By how much a depth edge beside it may have taken it along, pixels.
+    pub(crate) slide: f32,
     /// Squared normalised residual under the camera motion; `None` without depth.
     pub(crate) chi2: Option<f32>,
 }
@@ -68,6 +70,8 @@ const MOST: f32 = 0.5;
 const MIN_SPREAD: f64 = 0.12;
 /// A motion is predicted over no more than this, seconds: nobody turns a camera in the same way for longer.
 const MAX_PREDICTION: f64 = 0.1;
+/// A depth edge so near takes a corner along, working pixels: a part of the window by which corners are followed.
+const EDGE_RADIUS: usize = 3;
 /// Reprojection threshold of the homography, working pixels.
 const HOMOGRAPHY_THRESHOLD: f64 = 1.0;
 
@@ -199,7 +203,7 @@ impl MotionEstimator {
             .filter_map(|c| {
                 let displacement = [c.to[0] - c.from[0], c.to[1] - c.from[1]];
                 let (from, to) = (camera.nearest(c.from)?, camera.nearest(c.to)?);
-                Some(CornerMove { from, to, displacement, residual: [0.0; 2], chi2: None })
+                Some(CornerMove { from, to, displacement, residual: [0.0; 2], slide: 0.0, chi2: None })
             })
             .collect();
         let tracks = with_depth(camera, found, &previous.depth, &current.depth, |_| 1.0);
@@ -207,11 +211,28 @@ impl MotionEstimator {
             if let Some(corner) = corners.get_mut(k) {
                 let expected = camera.project(motion.apply(track.point));
                 corner.residual = [track.pixel[0] - expected[0], track.pixel[1] - expected[1]];
+                corner.slide = slide(camera, &previous.depth, &motion, corner.from);
                 corner.chi2 = Some(ego_motion::squared_residual(camera, &self.noise, &motion, &track));
             }
         }
         corners
     }
+}
+
+/// By how much a corner may slide along a depth edge, pixels: where the outlines of two surfaces cross, it moves in between them. Half the
+/// difference of the image motions that the camera causes of the nearest and of the farthest surface around it.
+fn slide(camera: &Pinhole, depth: &Image<f32>, motion: &Motion, corner: usize) -> f32 {
+    let (u, v) = (corner % camera.width, corner / camera.width);
+    let around = |at: usize, size: usize| at.saturating_sub(EDGE_RADIUS)..(at + EDGE_RADIUS + 1).min(size);
+    let rows = around(v, camera.height).map(|y| &depth.pixels()[y * camera.width..][around(u, camera.width)]);
+    let measured = rows.flatten().copied().filter(|z| *z > 0.0);
+    let (near, far) = measured.fold((f32::INFINITY, 0.0_f32), |(near, far), z| (near.min(z), far.max(z)));
+    if near >= far {
+        return 0.0;
+    }
+    let moved = |z: f32| camera.project(motion.apply(camera.unproject(u as f32, v as f32, z)));
+    let ([a, b], [c, d]) = (moved(near), moved(far));
+    0.5 * (a - c).hypot(b - d)
 }
 
 /// Median image motion that the camera causes, pixels; that of all corners where none has depth.
@@ -231,7 +252,8 @@ mod tests {
 
     #[test]
     fn the_image_motion_is_that_of_the_camera_even_where_most_corners_are_on_a_mover() {
-        let corner = |displacement, residual, chi2| CornerMove { from: 0, to: 0, displacement, residual, chi2 };
+        let corner =
+            |displacement, residual, chi2| CornerMove { from: 0, to: 0, displacement, residual, slide: 0.0, chi2 };
         let still = corner([1.0, 0.0], [0.0, 0.0], Some(1.0));
         let mover = corner([9.0, 0.0], [8.0, 0.0], Some(1e4));
         let without_depth = corner([5.0, 0.0], [0.0; 2], None);
@@ -241,8 +263,24 @@ mod tests {
     }
 
     #[test]
+    fn a_corner_beside_a_depth_edge_slides_with_the_parallax() {
+        let camera = Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 };
+        let mut depth = Image::filled(40, 30, 2.0);
+        (0..30).for_each(|v| depth[(10, v)] = 1.0);
+        let slide_at = |u: usize, x: f64| {
+            let motion = Motion::from(&Pose::translation(x, 0.0, 0.0));
+            slide(&camera, &depth, &motion, 15 * camera.width + u)
+        };
+        // 30 pixels · 0.1 m / 1 m or 2 m: 3 and 1.5 pixels.
+        assert!((slide_at(13, 0.1) - 0.75).abs() < 1e-4, "{}", slide_at(13, 0.1));
+        assert_eq!(slide_at(14, 0.1), 0.0, "no edge within reach");
+        assert!(slide_at(13, 0.0) < 1e-5, "a camera at rest");
+    }
+
+    #[test]
     fn corners_agree_that_follow_the_camera_and_count() {
-        let corner = |from, chi2| CornerMove { from, to: from, displacement: [0.0; 2], residual: [0.0; 2], chi2 };
+        let corner =
+            |from, chi2| CornerMove { from, to: from, displacement: [0.0; 2], residual: [0.0; 2], slide: 0.0, chi2 };
         let corners = vec![corner(0, Some(1.0)), corner(1, Some(100.0)), corner(2, None), corner(3, Some(2.0))];
         let estimate = MotionEstimate { motion: FrameMotion::none(false), corners, flow: 0.0 };
         assert_eq!(estimate.agreement(|_| true), 2.0 / 3.0, "a corner without depth has no say");

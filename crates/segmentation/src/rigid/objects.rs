@@ -511,7 +511,8 @@ mod tests {
         let mut objects = Objects::default();
         objects.clear(20);
         objects.update(vec![component(2..5)], &[1.0; 20], 1.0);
-        let corner = CornerMove { from: 3, to: 6, displacement: [3.0, 0.0], residual: [0.0; 2], chi2: None };
+        let corner =
+            CornerMove { from: 3, to: 6, displacement: [3.0, 0.0], residual: [0.0; 2], slide: 0.0, chi2: None };
         let velocity = |objects: &Objects| objects.list[0].velocity[0];
         objects.update_velocities(&[corner], |_| Some([1.0, 0.0]), 0.5);
         assert_eq!(velocity(&objects), 6.0, "that of its corners");

@@ -274,8 +274,8 @@ pub(crate) fn enough_move(corners: &[CornerMove], sigma: f32) -> bool {
     corners.iter().filter(|corner| moves(corner, sigma)).count() >= MIN_GROUP as usize
 }
 
-fn moves(&CornerMove { residual: [x, y], chi2, .. }: &CornerMove, sigma: f32) -> bool {
-    chi2.is_some() && x.hypot(y) > MOVES_SIGMAS * sigma
+fn moves(&CornerMove { residual: [x, y], slide, chi2, .. }: &CornerMove, sigma: f32) -> bool {
+    chi2.is_some() && x.hypot(y) > MOVES_SIGMAS * sigma + slide
 }
 
 fn move_alike(a: &CornerMove, b: &CornerMove) -> bool {
@@ -303,7 +303,7 @@ mod tests {
     fn corner(u: usize, residual: [f32; 2]) -> CornerMove {
         let to = 8 * CAMERA.width + u;
         let chi2 = Some(100.0 * residual[0].hypot(residual[1]));
-        CornerMove { from: to, to, displacement: residual, residual, chi2 }
+        CornerMove { from: to, to, displacement: residual, residual, slide: 0.0, chi2 }
     }
 
     fn verdicts(corners: &[CornerMove]) -> (Territories, Vec<Verdict>) {
@@ -368,6 +368,9 @@ mod tests {
         assert_eq!(found, [Moving, Moving, Moving, Moving, Still, Still]);
         let (_, found) = verdicts(&[&four[..], &[corner(4, [0.0; 2])]].concat());
         assert_eq!(found[4], Silent, "not beside them");
+        let sliding = four.map(|c| CornerMove { slide: 1.5, ..c });
+        let (_, found) = verdicts(&[&sliding[..], &beside].concat());
+        assert!(found.iter().all(|v| *v == Silent), "a depth edge takes them along");
         let (_, three) = verdicts(&[&four[1..], &beside].concat());
         assert!(three.iter().all(|v| *v == Silent));
         let scattered = [(44, [2.0, 0.0]), (50, [-2.0, 0.0]), (56, [0.0, 2.0]), (62, [0.0, -2.0])];

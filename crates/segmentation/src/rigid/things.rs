@@ -165,7 +165,8 @@ mod tests {
     #[test]
     fn the_majority_is_counted_on_each_surface() {
         let (_, surfaces, _) = plate(20, false);
-        let corner = |to: usize, chi2| CornerMove { from: to, to, displacement: [0.0; 2], residual: [0.0; 2], chi2 };
+        let corner =
+            |to: usize, chi2| CornerMove { from: to, to, displacement: [0.0; 2], residual: [0.0; 2], slide: 0.0, chi2 };
         // On the plate three, of which two hold; on the wall two, of which one does, and one without depth.
         let corners: Vec<CornerMove> = [(412, Some(1.0)), (415, Some(1.0)), (418, Some(1.0)), (2, Some(1.0))]
             .into_iter()
