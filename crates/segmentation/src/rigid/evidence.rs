@@ -7,6 +7,7 @@
 use pfd_geometry::{DepthNoise, GrayImage};
 
 use super::luma;
+use super::objects::{median, quantile};
 use super::reference::{Appearance, RANGE_RADIUS, Warp};
 use super::regions::BACKGROUND;
 use super::static_model::ModelPoint;
@@ -425,7 +426,7 @@ impl Scene<'_> {
         let seen = self.seen_again(earlier, (0..self.rays.len()).step_by(EXPOSURE_SAMPLING));
         let luma = |image: &GrayImage, i: usize| f32::from(image.pixels()[i]);
         let difference = |(i, j, _)| luma(&self.frame.gray, i) - luma(&earlier.appearance.gray, j);
-        super::objects::median(&mut seen.map(difference).collect::<Vec<_>>()).unwrap_or(0.0)
+        median(&mut seen.map(difference).collect::<Vec<_>>()).unwrap_or(0.0)
     }
 
     /// How precisely an earlier frame is warped onto this one, pixels, by how much texture differs where it is strong and depth agrees;
@@ -442,9 +443,8 @@ impl Scene<'_> {
         if slips.len() < MIN_SLIPS {
             return earlier.pixel_sigma;
         }
-        let most = (MOST_SLIPS * slips.len() as f32) as usize;
-        let (_, slip, _) = slips.select_nth_unstable_by(most, f32::total_cmp);
-        (SLIP_TO_SIGMA * *slip).max(LEAST_WARP_SIGMA).min(earlier.pixel_sigma)
+        let measured = quantile(&mut slips, MOST_SLIPS).map_or(f32::INFINITY, |slip| SLIP_TO_SIGMA * slip);
+        measured.max(LEAST_WARP_SIGMA).min(earlier.pixel_sigma)
     }
 
     /// Those of the `pixels` that an earlier frame saw at the same depth, with the pixel and the position there.

@@ -428,9 +428,18 @@ fn mean(values: impl Iterator<Item = [f32; 2]>) -> [f32; 2] {
 
 /// The middle value; `None` for no values.
 pub(crate) fn median(values: &mut [f32]) -> Option<f32> {
-    let middle = values.len().checked_sub(1)? / 2;
-    let (_, m, _) = values.select_nth_unstable_by(middle, f32::total_cmp);
-    Some(*m)
+    let last = values.len().checked_sub(1)?;
+    Some(nth(values, last / 2))
+}
+
+/// The value that a `share` of all lies below; `None` for no values.
+pub(crate) fn quantile(values: &mut [f32], share: f32) -> Option<f32> {
+    let last = values.len().checked_sub(1)?;
+    Some(nth(values, ((share * values.len() as f32) as usize).min(last)))
+}
+
+fn nth(values: &mut [f32], index: usize) -> f32 {
+    *values.select_nth_unstable_by(index, f32::total_cmp).1
 }
 
 #[cfg(test)]
@@ -462,6 +471,14 @@ mod tests {
             objects.update_odds([fresh; 2].into_iter(), Policy { threshold: 0.5, memory });
         }
         objects.odds[1]
+    }
+
+    #[test]
+    fn quantiles_lie_where_so_many_values_lie_below() {
+        let quantiles = |values: &[f32]| [0.0, 0.25, 0.7, 1.0].map(|share| quantile(&mut values.to_vec(), share));
+        assert_eq!(quantiles(&[4.0, 2.0, 1.0, 3.0]), [Some(1.0), Some(2.0), Some(3.0), Some(4.0)]);
+        assert_eq!(quantiles(&[]), [None; 4]);
+        assert_eq!([median(&mut [4.0, 2.0, 1.0, 3.0]), median(&mut [])], [Some(2.0), None]);
     }
 
     #[test]

@@ -9,6 +9,7 @@ use pfd_geometry::DepthNoise;
 use super::continuity::Continuity;
 use super::disjoint_sets::{join, root};
 use super::motion::CornerMove;
+use super::objects::quantile;
 use super::view::{Pinhole, ViewFrame};
 
 /// Side of a cell of the grid on which distances are measured, working pixels.
@@ -261,12 +262,8 @@ impl Ways<'_> {
 pub(crate) fn corner_sigma(corners: &[CornerMove], expected: f32) -> f32 {
     let with_depth = corners.iter().filter(|corner| corner.chi2.is_some());
     let mut errors: Vec<f32> = with_depth.map(|corner| corner.residual[0].hypot(corner.residual[1])).collect();
-    if errors.is_empty() {
-        return expected;
-    }
-    let best = (BEST * errors.len() as f32) as usize;
-    let (_, error, _) = errors.select_nth_unstable_by(best, f32::total_cmp);
-    (TAIL * *error / BEST_QUANTILE).max(LEAST_SIGMA).min(expected)
+    let measured = quantile(&mut errors, BEST).map_or(f32::INFINITY, |error| TAIL * error / BEST_QUANTILE);
+    measured.max(LEAST_SIGMA).min(expected)
 }
 
 /// Whether enough corners leave the camera motion that some may be a mover; `sigma` as in [`Territories::verdicts`].
