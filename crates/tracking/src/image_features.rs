@@ -1,21 +1,17 @@
 //! Features of one image with depth, and where to find them.
 
 use nalgebra::{Point2, Point3};
-use pfd_geometry::{Camera, DepthImage, DepthNoise, RgbdFrame};
+use pfd_geometry::{Camera, RgbdFrame};
 use pfd_vision::features::{Descriptor, Feature};
 use pfd_vision::patch::Patch;
 
 use crate::config::TrackingConfig;
 use crate::residual::Measurement;
 use crate::rolling_shutter::Shutter;
+use crate::surface_depth::surface_depth;
 
 /// Side of the cells of the spatial index, pixels.
 const CELL: usize = 16;
-/// Depth differences beyond this many standard deviations belong to different surfaces: neighbours share the systematic part.
-const SURFACE_GAP_SIGMAS: f32 = 2.0;
-/// Relative depth difference that a slanted surface may have between neighbouring pixels: about 75 degrees of slant.
-const SURFACE_SLOPE: f32 = 0.008;
-
 /// Features of an image.
 #[derive(Clone, Debug, Default)]
 pub struct ImageFeatures {
@@ -43,7 +39,7 @@ impl ImageFeatures {
             .map(|feature| Measurement {
                 pixel: Point2::new(f64::from(feature.u), f64::from(feature.v)),
                 sigma: config.features.sigma * options.level_scale(feature.level),
-                depth: surface_depth(frame.depth(), feature, &config.depth_noise),
+                depth: surface_depth(frame.depth(), [feature.u, feature.v], &config.depth_noise),
             })
             .collect();
         let color = |f: &Feature| frame.rgb().nearest(f.u.into(), f.v.into()).copied().unwrap_or_default();
@@ -173,32 +169,6 @@ impl ImageFeatures {
     }
 }
 
-/// Depth and standard deviation at a feature: the mean over the 3×3 neighbours on the same surface.
-///
-/// None at depth edges, where colour and depth may belong to different surfaces.
-fn surface_depth(depth: &DepthImage, feature: &Feature, noise: &DepthNoise) -> Option<(f64, f64)> {
-    // With fewer neighbours on the surface the feature sits on an edge or a hole.
-    const MIN_NEIGHBOURS: usize = 5;
-    let (u, v) = (feature.u.round() as usize, feature.v.round() as usize);
-    let centre = depth.at(u, v)?;
-    let z = f64::from(centre);
-    if !noise.is_usable(z) {
-        return None;
-    }
-    let tolerance = (SURFACE_GAP_SIGMAS * noise.sigma(z) as f32).max(SURFACE_SLOPE * centre);
-    let (mut sum, mut count) = (0.0_f64, 0_usize);
-    for y in v.saturating_sub(1)..=v + 1 {
-        for x in u.saturating_sub(1)..=u + 1 {
-            if let Some(d) = depth.at(x, y).filter(|d| (d - centre).abs() <= tolerance) {
-                sum += f64::from(d);
-                count += 1;
-            }
-        }
-    }
-    // Neighbouring pixels share most of their noise (the matching window of the sensor), so averaging does not lower sigma.
-    (count >= MIN_NEIGHBOURS).then(|| (sum / count as f64, noise.sigma(z)))
-}
-
 /// Indices of features by cell.
 #[derive(Clone, Debug, Default)]
 struct Grid {
@@ -234,7 +204,7 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pfd_geometry::{Image, Stamp};
+    use pfd_geometry::{DepthImage, Image, Stamp};
     use proptest::prelude::*;
 
     fn feature(u: f32, v: f32) -> Feature {
@@ -245,22 +215,6 @@ mod tests {
         let pixels = (0..64 * 64).map(|i| depth(i % 64, i / 64)).collect();
         let depth = DepthImage::from_metres(Image::from_vec(64, 64, pixels).unwrap());
         RgbdFrame::new(Stamp::default(), Image::filled(64, 64, [1, 2, 3]), depth).unwrap()
-    }
-
-    #[test]
-    fn depth_is_refused_at_edges_and_holes() {
-        let step = frame(|u, _| if u < 32 { 1.0 } else { 2.0 });
-        let at = |frame: &RgbdFrame, u, v| {
-            let features = ImageFeatures::new(vec![feature(u, v)], frame, &TrackingConfig::default());
-            features.measurement(0).depth.map(|(z, _)| z)
-        };
-        assert_eq!(at(&step, 10.0, 10.0), Some(1.0));
-        assert_eq!(at(&step, 40.0, 10.0), Some(2.0));
-        let holes = frame(|u, v| if (u + v) % 2 == 0 { 1.0 } else { 0.0 });
-        assert_eq!(at(&holes, 11.0, 10.0), None, "on a hole");
-        assert_eq!(at(&frame(|_, _| 0.0), 10.0, 10.0), None);
-        let ramp = frame(|u, _| 1.0 + 0.2 * u as f32);
-        assert_eq!(at(&ramp, 10.0, 10.0), None, "20 cm a pixel is no surface");
     }
 
     proptest! {

@@ -32,6 +32,7 @@ pub mod residual;
 mod result;
 pub mod rolling_shutter;
 mod segments;
+mod surface_depth;
 mod tracker;
 mod trajectory;
 
