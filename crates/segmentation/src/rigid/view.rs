@@ -232,6 +232,14 @@ impl View {
         (index != OUTSIDE).then_some(index as usize)
     }
 
+    /// Whether working pixel `index` lies less than `margin` working pixels from the border of the camera image.
+    pub(crate) fn is_at_border(&self, index: usize, margin: f32) -> bool {
+        let margin = margin * self.scale();
+        let near = |p: f32, size: usize| p < margin || p > (size - 1) as f32 - margin;
+        let [x, y] = self.to_camera(index);
+        near(x, self.source_size.0) || near(y, self.source_size.1)
+    }
+
     /// Camera pixels per working pixel.
     pub(crate) fn scale(&self) -> f32 {
         self.source_size.0 as f32 / self.camera.width as f32
@@ -426,6 +434,14 @@ mod tests {
                 assert!((x - u).abs() < 2.5 && (y - v).abs() < 2.5, "{u} {v} → {x} {y}");
             }
         }
+    }
+
+    #[test]
+    fn the_border_is_that_of_the_camera_image() {
+        let view = View::new(&camera([0.2624, -0.9531, -0.0054, 0.0026, 1.1633]));
+        let at_border = |x: f32, y: f32| view.is_at_border(view.to_working(x, y).unwrap(), 3.0);
+        assert_eq!([at_border(2.0, 240.0), at_border(320.0, 477.0), at_border(637.0, 3.0)], [true; 3]);
+        assert_eq!([at_border(12.0, 240.0), at_border(320.0, 240.0), at_border(320.0, 466.0)], [false; 3]);
     }
 
     #[test]

@@ -25,6 +25,8 @@ const MIN_DENSITY: f64 = 4.0;
 const MAX_SUPPORT: f64 = 0.5;
 /// A region of which this share surely stands before the static model has come in, whether or not particles have.
 const INTRUSION: f32 = 0.4;
+/// A region reaches the border of the image from this far, working pixels: outlines are not known better.
+const BORDER: f32 = 3.0;
 /// Something that hardly ever moved rests after this share of the time that an established mover takes.
 const MIN_REST: f64 = 0.2;
 /// What is left of a known object may be smaller than a new one, by this share: it leaves the view, or something hides it.
@@ -34,8 +36,8 @@ const HOLE_SHARE: f64 = 0.002;
 
 impl RigidSegmenter {
     /// What the cues say together of a component that continues no object. Less is asked where, if configured, many times the
-    /// particles have gathered that chance would put there, or where a good part surely stands before the static model. What
-    /// moves on a large plane that stays where it is is a reflection, or a picture on a screen.
+    /// particles have gathered that chance would put there, or where a good part surely stands before the static model; and where it
+    /// reaches the border of the image. What moves on a large plane that stays where it is is a reflection, or a picture on a screen.
     fn judge(&self, component: &Component, agreement: f32) -> NewRegion {
         let count = component.pixels.len();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
@@ -48,11 +50,12 @@ impl RigidSegmenter {
         let cues = credibility::strengths(&self.field.cues, &component.pixels);
         let flat = component.pixels.iter().filter(|&&i| self.planes.labels[i as usize] != NO_PLANE).count();
         let reflection = 2 * flat > count && !credibility::depth_speaks(&cues);
-        let pixels = component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect();
+        let entering = component.pixels.iter().any(|&i| self.view.is_at_border(i as usize, BORDER));
+        let odds = credibility::log_odds(&cues) + if entering { credibility::AT_BORDER } else { 0.0 };
         NewRegion {
-            pixels,
+            pixels: component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect(),
             cues,
-            believed: credibility::log_odds(&cues) > credibility::limit(supported, agreement) && !reflection,
+            believed: odds > credibility::limit(supported, agreement) && !reflection,
         }
     }
 
@@ -177,5 +180,32 @@ fn adopt(camera: &Pinhole, frame: &ViewFrame, model: &mut StaticModel, i: usize)
     let z = frame.depth.pixels()[i];
     if z > 0.0 {
         model.points_mut()[i] = ModelPoint::new(camera.point(i, z), f32::from(frame.gray.pixels()[i]));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::SegmentationConfig;
+    use crate::rigid::evidence::Cue;
+    use pfd_geometry::{Camera, Distortion};
+
+    #[test]
+    fn of_what_comes_in_at_the_border_less_is_asked() {
+        let camera = Camera::new((320, 240), [260.0, 260.0, 159.5, 119.5], Distortion::default()).unwrap();
+        let mut segmenter = RigidSegmenter::new(&camera, &SegmentationConfig::default(), 0);
+        let size = segmenter.view.camera.pixels();
+        segmenter.field.clear(size);
+        segmenter.support.resize(size, 0);
+        segmenter.planes.clear(size);
+        for cell in &mut segmenter.field.cues {
+            cell[Cue::BeforeModel as usize] = 0.2;
+        }
+        let believed_at = |column: usize| {
+            let pixels = (0..400).map(|k| ((100 + k / 20) * 320 + column + k % 20) as u32).collect();
+            segmenter.judge(&Component { pixels }, 1.0).believed
+        };
+        assert!(believed_at(0) && believed_at(300));
+        assert!(!believed_at(150));
     }
 }
