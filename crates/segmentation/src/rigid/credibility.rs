@@ -16,7 +16,7 @@ const BIAS: f32 = -2.0;
 /// found while it counted only where depth is missing, and reflections and the sensor's shadows have it there as often as movers.
 const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9, -6.0];
 
-/// Log-odds that a region brings which reaches the border of the image: what is new has come in somewhere. Of the new regions of 45
+/// Log-odds that a region brings which reaches the border of the image: what is new has come in somewhere. Of the new regions of 36
 /// sequences two thirds of the movers do and a ninth of the others. A regression gives 2, but says nothing of rooms with other ways in;
 /// with all of it up to 6 instead of 3 % of a frame are masked where nothing moves.
 pub(crate) const AT_BORDER: f32 = 1.0;
