@@ -16,9 +16,9 @@ const BIAS: f32 = -2.0;
 /// found while it counted only where depth is missing, and reflections and the sensor's shadows have it there as often as movers.
 const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9, -6.0];
 
-/// Log-odds that a region brings which reaches the border of the image: what is new has come in somewhere. Of the new regions of 36
-/// sequences two thirds of the movers do and a ninth of the others. A regression gives 2, but says nothing of rooms with other ways in;
-/// with all of it up to 6 instead of 3 % of a frame are masked where nothing moves.
+/// Log-odds that a region which [`has_moved`] brings where it reaches the border of the image: what is new has come in somewhere. Of the
+/// new regions of 36 sequences two thirds of the movers do and a ninth of the others. A regression gives 2, but says nothing of rooms
+/// with other ways in; with all of it up to 6 instead of 3 % of a frame are masked where nothing moves.
 pub(crate) const AT_BORDER: f32 = 1.0;
 
 /// Log-odds from which a region is believed that particles or the static model support, …
@@ -37,6 +37,11 @@ const DEPTH_SPEAKS: f32 = 0.05;
 /// Whether a region's depth says that it has moved, and not only its texture.
 pub(crate) fn depth_speaks(strengths: &[f32; Cue::COUNT]) -> bool {
     [Cue::FreeSpace, Cue::BeforeModel].into_iter().any(|cue| strengths[cue as usize] > DEPTH_SPEAKS)
+}
+
+/// Whether depth or corners say that a region has moved, and not only its looks: light that changes has no part in these.
+pub(crate) fn has_moved(strengths: &[f32; Cue::COUNT]) -> bool {
+    depth_speaks(strengths) || strengths[Cue::OwnMotion as usize] > DEPTH_SPEAKS
 }
 
 /// Log-odds that a region with these [`strengths`] of the cues is a mover.
@@ -123,6 +128,17 @@ mod tests {
         };
         assert!(speaks(Cue::FreeSpace, 5) && speaks(Cue::BeforeModel, 5));
         assert!(!speaks(Cue::FreeSpace, 3) && !speaks(Cue::OwnMotion, 400));
+    }
+
+    #[test]
+    fn looks_alone_are_no_motion() {
+        let speaks = |cue: Cue| {
+            let mut cues = [[0.0; Cue::COUNT]];
+            cues[0][cue as usize] = 0.1;
+            has_moved(&strengths(&cues, &[0]))
+        };
+        assert_eq!([Cue::FreeSpace, Cue::BeforeModel, Cue::OwnMotion].map(speaks), [true; 3]);
+        assert_eq!([Cue::OtherTexture, Cue::OtherLuma, Cue::SamePlace].map(speaks), [false; 3]);
     }
 
     #[test]

@@ -37,7 +37,7 @@ const HOLE_SHARE: f64 = 0.002;
 impl RigidSegmenter {
     /// What the cues say together of a component that continues no object. Less is asked where, if configured, many times the
     /// particles have gathered that chance would put there, or where a good part surely stands before the static model; and where it
-    /// reaches the border of the image. What moves on a large plane that stays where it is is a reflection, or a picture on a screen.
+    /// reaches the border of the image and depth or corners say that it has moved. What moves on a large plane that stays where it is is a reflection, or a picture on a screen.
     fn judge(&self, component: &Component, agreement: f32) -> NewRegion {
         let count = component.pixels.len();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
@@ -51,7 +51,8 @@ impl RigidSegmenter {
         let flat = component.pixels.iter().filter(|&&i| self.planes.labels[i as usize] != NO_PLANE).count();
         let reflection = 2 * flat > count && !credibility::depth_speaks(&cues);
         let entering = component.pixels.iter().any(|&i| self.view.is_at_border(i as usize, BORDER));
-        let odds = credibility::log_odds(&cues) + if entering { credibility::AT_BORDER } else { 0.0 };
+        let came_in = entering && credibility::has_moved(&cues);
+        let odds = credibility::log_odds(&cues) + if came_in { credibility::AT_BORDER } else { 0.0 };
         NewRegion {
             pixels: component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect(),
             cues,
@@ -190,22 +191,23 @@ mod tests {
     use crate::rigid::evidence::Cue;
     use pfd_geometry::{Camera, Distortion};
 
-    #[test]
-    fn of_what_comes_in_at_the_border_less_is_asked() {
+    /// Whether a region of 20×20 pixels at this column is believed of which each pixel has this weight of a cue.
+    fn believed_at(column: usize, (cue, weight): (Cue, f32)) -> bool {
         let camera = Camera::new((320, 240), [260.0, 260.0, 159.5, 119.5], Distortion::default()).unwrap();
         let mut segmenter = RigidSegmenter::new(&camera, &SegmentationConfig::default(), 0);
         let size = segmenter.view.camera.pixels();
         segmenter.field.clear(size);
         segmenter.support.resize(size, 0);
         segmenter.planes.clear(size);
-        for cell in &mut segmenter.field.cues {
-            cell[Cue::BeforeModel as usize] = 0.2;
-        }
-        let believed_at = |column: usize| {
-            let pixels = (0..400).map(|k| ((100 + k / 20) * 320 + column + k % 20) as u32).collect();
-            segmenter.judge(&Component { pixels }, 1.0).believed
-        };
-        assert!(believed_at(0) && believed_at(300));
-        assert!(!believed_at(150));
+        segmenter.field.cues.iter_mut().for_each(|cues| cues[cue as usize] = weight);
+        let pixels = (0..400).map(|k| ((100 + k / 20) * 320 + column + k % 20) as u32).collect();
+        segmenter.judge(&Component { pixels }, 1.0).believed
+    }
+
+    #[test]
+    fn of_what_comes_in_at_the_border_less_is_asked_but_not_if_only_its_looks_have_changed() {
+        let [came, looks] = [(Cue::BeforeModel, 0.2), (Cue::OtherTexture, 0.2)];
+        assert_eq!([0, 300, 150].map(|column| believed_at(column, came)), [true, true, false]);
+        assert_eq!([0, 300, 150].map(|column| believed_at(column, looks)), [false; 3]);
     }
 }
