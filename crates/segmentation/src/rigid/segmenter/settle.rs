@@ -37,7 +37,8 @@ const HOLE_SHARE: f64 = 0.002;
 impl RigidSegmenter {
     /// What the cues say together of a component that continues no object. Less is asked where, if configured, many times the
     /// particles have gathered that chance would put there, or where a good part surely stands before the static model; and where it
-    /// reaches the border of the image and depth or corners say that it has moved. What moves on a large plane that stays where it is is a reflection, or a picture on a screen.
+    /// reaches the border of the image and depth or corners say that it has moved. What moves on a large plane that stays where it is
+    /// is a reflection, or a picture on a screen.
     fn judge(&self, component: &Component, agreement: f32) -> NewRegion {
         let count = component.pixels.len();
         let gathered: u32 = component.pixels.iter().map(|&i| u32::from(self.support[i as usize])).sum();
