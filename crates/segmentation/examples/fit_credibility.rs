@@ -28,8 +28,8 @@ struct Arguments {
     sequences: Vec<PathBuf>,
 }
 
-/// The bias and the cues.
-const PARAMETERS: usize = 1 + NewRegion::CUES;
+/// The bias, the cues, and whether the region reaches the border of the image.
+const PARAMETERS: usize = 2 + NewRegion::CUES;
 /// Newton steps: the likelihood is concave, and a few more than it takes do no harm.
 const STEPS: usize = 20;
 /// Prior precision of each weight: about one region's worth, so that cues which never occur get no weight.
@@ -51,7 +51,8 @@ impl Sample {
         let values = region.pixels.iter().filter_map(|[x, y]| truth.get(x.round() as usize, y.round() as usize));
         let (moving, still) = values.fold((0, 0), |(m, s), v| (m + u32::from(*v == 255), s + u32::from(*v == 0)));
         let cues = region.cues.iter().map(|c| f64::from(*c));
-        let features = Weights::from_iterator(std::iter::once(1.0).chain(cues));
+        let at_border = f64::from(u8::from(region.at_border));
+        let features = Weights::from_iterator(std::iter::once(1.0).chain(cues).chain([at_border]));
         (moving + still > 0).then_some(Self { sequence, features, moves: moving > still, believed: region.believed })
     }
 }

@@ -47,6 +47,8 @@ pub struct NewRegion {
     /// depth is missing or the same, corners that move on their own, other texture; the same texture, the same place, the same
     /// luma where depth is missing.
     pub cues: [f32; Self::CUES],
+    /// Whether it reaches the border of the image.
+    pub at_border: bool,
     /// Whether it was taken for a mover.
     pub believed: bool,
 }

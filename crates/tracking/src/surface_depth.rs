@@ -71,17 +71,10 @@ fn plane_depth(depth: &DepthImage, [u, v]: [f32; 2], mean: f64, sigma: f64) -> O
     let (middle, inverse_sigma) = ([u.round(), v.round()], (sigma / (mean * mean)) as f32);
     let mut samples = [Sample::default(); SAMPLES];
     let on_surface = gather(depth, middle.map(|p| p as i32), [mean as f32, inverse_sigma], &mut samples);
-    let first = fit(on_surface)?;
+    let first = fit(on_surface.iter())?;
     let limit = OUTLIER_SIGMAS as f32 * inverse_sigma;
-    let mut count = 0;
-    for i in 0..on_surface.len() {
-        let s = on_surface[i];
-        if (s.more - (first.x + first.y * s.x + first.z * s.y)).abs() <= limit {
-            on_surface[count] = s;
-            count += 1;
-        }
-    }
-    let plane = fit(&on_surface[..count])?;
+    let fits = |s: &&Sample| (s.more - (first.x + first.y * s.x + first.z * s.y)).abs() <= limit;
+    let plane = fit(on_surface.iter().filter(fits))?;
     let more = plane.x + plane.y * (u - middle[0]) + plane.z * (v - middle[1]);
     Some(1.0 / (1.0 / mean + f64::from(more)))
 }
@@ -92,7 +85,7 @@ fn gather<'a>(
     middle: [i32; 2],
     [mean, inverse_sigma]: [f32; 2],
     samples: &'a mut [Sample; SAMPLES],
-) -> &'a mut [Sample] {
+) -> &'a [Sample] {
     let inverse = 1.0 / mean;
     let gap = SURFACE_GAP_SIGMAS as f32 * std::f32::consts::SQRT_2 * inverse_sigma;
     let slant = SURFACE_SLOPE as f32 * inverse;
@@ -109,21 +102,19 @@ fn gather<'a>(
             }
         }
     }
-    &mut samples[..count]
+    &samples[..count]
 }
 
 /// The plane by least squares, if there are enough samples: value in the middle, and slopes.
-fn fit(samples: &[Sample]) -> Option<Vector3<f32>> {
-    if samples.len() < MIN_SAMPLES {
-        return None;
-    }
-    let (mut information, mut right) = (Matrix3::zeros(), Vector3::zeros());
+fn fit<'a>(samples: impl Iterator<Item = &'a Sample>) -> Option<Vector3<f32>> {
+    let (mut information, mut right, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0);
     for s in samples {
         let at = Vector3::new(1.0, s.x, s.y);
         information += at * at.transpose();
         right += at * s.more;
+        count += 1;
     }
-    Some(information.cholesky()?.solve(&right))
+    (count >= MIN_SAMPLES).then(|| information.cholesky())?.map(|cholesky| cholesky.solve(&right))
 }
 
 #[cfg(test)]

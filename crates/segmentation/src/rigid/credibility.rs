@@ -19,7 +19,7 @@ const WEIGHTS: [f32; Cue::COUNT] = [2.2, 4.7, 0.2, 5.6, 4.4, -7.8, -9.9, -6.0];
 /// Log-odds that a region which [`has_moved`] brings where it reaches the border of the image: what is new has come in somewhere. Of the
 /// new regions of 36 sequences two thirds of the movers do and a ninth of the others. A regression gives 2, but says nothing of rooms
 /// with other ways in; with all of it up to 6 instead of 3 % of a frame are masked where nothing moves.
-pub(crate) const AT_BORDER: f32 = 1.0;
+const AT_BORDER: f32 = 1.0;
 
 /// Log-odds from which a region is believed that particles or the static model support, …
 const SUPPORTED: f32 = -0.3;
@@ -31,21 +31,38 @@ const UNCERTAIN: f32 = 1.8;
 /// and blur bend the image.
 const CERTAIN_AGREEMENT: f32 = 0.9;
 
-/// Strength of a cue of depth from which a region has come to where it is: a clear difference on one pixel in a hundred.
-const DEPTH_SPEAKS: f32 = 0.05;
+/// Strength from which a cue of motion speaks: a clear difference on one pixel in a hundred.
+const SPEAKS: f32 = 0.05;
 
 /// Whether a region's depth says that it has moved, and not only its texture.
 pub(crate) fn depth_speaks(strengths: &[f32; Cue::COUNT]) -> bool {
-    [Cue::FreeSpace, Cue::BeforeModel].into_iter().any(|cue| strengths[cue as usize] > DEPTH_SPEAKS)
+    [Cue::FreeSpace, Cue::BeforeModel].into_iter().any(|cue| strengths[cue as usize] > SPEAKS)
 }
 
 /// Whether depth or corners say that a region has moved, and not only its looks: light that changes has no part in these.
-pub(crate) fn has_moved(strengths: &[f32; Cue::COUNT]) -> bool {
-    depth_speaks(strengths) || strengths[Cue::OwnMotion as usize] > DEPTH_SPEAKS
+fn has_moved(strengths: &[f32; Cue::COUNT]) -> bool {
+    depth_speaks(strengths) || strengths[Cue::OwnMotion as usize] > SPEAKS
+}
+
+/// What is known of a new region besides its cues.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Circumstances {
+    /// Whether particles or the static model support it.
+    pub(crate) supported: bool,
+    /// Whether it reaches the border of the image.
+    pub(crate) at_border: bool,
+    /// Share of the corners beside all such regions and known movers that follow the camera.
+    pub(crate) agreement: f32,
+}
+
+/// Whether a region with these [`strengths`] of the cues is believed to be a mover.
+pub(crate) fn is_believed(strengths: &[f32; Cue::COUNT], region: Circumstances) -> bool {
+    let entering = region.at_border && has_moved(strengths);
+    log_odds(strengths) + if entering { AT_BORDER } else { 0.0 } > limit(region.supported, region.agreement)
 }
 
 /// Log-odds that a region with these [`strengths`] of the cues is a mover.
-pub(crate) fn log_odds(strengths: &[f32; Cue::COUNT]) -> f32 {
+fn log_odds(strengths: &[f32; Cue::COUNT]) -> f32 {
     BIAS + WEIGHTS.iter().zip(strengths).map(|(weight, strength)| weight * strength).sum::<f32>()
 }
 
@@ -67,7 +84,7 @@ pub(crate) fn strengths(cues: &[[f32; Cue::COUNT]], pixels: &[u32]) -> [f32; Cue
 
 /// Log-odds from which a region is believed, if `agreement` is the share of the corners beside all such regions and known movers that
 /// follow the camera.
-pub(crate) fn limit(supported: bool, agreement: f32) -> f32 {
+fn limit(supported: bool, agreement: f32) -> f32 {
     match supported {
         _ if agreement < CERTAIN_AGREEMENT => UNCERTAIN,
         true => SUPPORTED,

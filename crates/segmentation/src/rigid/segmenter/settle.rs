@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use super::{PRIOR, RigidSegmenter};
 use crate::config::RegionShape;
 use crate::result::NewRegion;
-use crate::rigid::credibility;
+use crate::rigid::credibility::{self, Circumstances};
 use crate::rigid::large_planes::NO_PLANE;
 use crate::rigid::motion::MotionEstimate;
 use crate::rigid::regions::{BACKGROUND, Component, components, fill_rectangle};
@@ -51,13 +51,13 @@ impl RigidSegmenter {
         let cues = credibility::strengths(&self.field.cues, &component.pixels);
         let flat = component.pixels.iter().filter(|&&i| self.planes.labels[i as usize] != NO_PLANE).count();
         let reflection = 2 * flat > count && !credibility::depth_speaks(&cues);
-        let entering = component.pixels.iter().any(|&i| self.view.is_at_border(i as usize, BORDER));
-        let came_in = entering && credibility::has_moved(&cues);
-        let odds = credibility::log_odds(&cues) + if came_in { credibility::AT_BORDER } else { 0.0 };
+        let at_border = component.pixels.iter().any(|&i| self.view.is_at_border(i as usize, BORDER));
+        let circumstances = Circumstances { supported, at_border, agreement };
         NewRegion {
             pixels: component.pixels.iter().map(|&i| self.view.to_camera(i as usize)).collect(),
             cues,
-            believed: odds > credibility::limit(supported, agreement) && !reflection,
+            at_border,
+            believed: credibility::is_believed(&cues, circumstances) && !reflection,
         }
     }
 
