@@ -11,6 +11,7 @@ use super::objects::{median, quantile};
 use super::reference::{Appearance, RANGE_RADIUS, Warp};
 use super::regions::BACKGROUND;
 use super::static_model::ModelPoint;
+use super::unchanged;
 use super::view::{Pinhole, ViewFrame, floor};
 
 /// The surface stands where an earlier frame saw free space: it has come in.
@@ -54,8 +55,6 @@ const LUMA_TOLERANCE: f32 = 20.0;
 /// How many times darker than the static model a shadow can make a surface, in grey levels: by the usual gamma of 2.2 it then has a third of
 /// the light. What is darker still, or brighter by as much where a shadow has left, is another surface in the same place.
 const DEEPEST_SHADOW: f32 = 1.6;
-/// Confirmations from which a point of the static model is certain.
-const SURE_HITS: f32 = 10.0;
 
 /// Certainty of the static model from which it says whether a pixel has changed.
 const CERTAIN: f32 = 0.5;
@@ -105,6 +104,8 @@ pub(crate) struct Field {
     /// Whether a pixel is other than the static model: by depth or much other luma where the model is certain, by luma where depth is
     /// missing.
     pub(crate) changed: Vec<Option<bool>>,
+    /// Whether a pixel [shows](unchanged::shows) just what the static model has there.
+    pub(crate) unchanged: Vec<bool>,
     /// Weight of each [`Cue`] per working pixel, before diffusion.
     pub(crate) cues: Vec<[f32; Cue::COUNT]>,
 }
@@ -122,6 +123,8 @@ impl Field {
         self.intruding.resize(pixels, 0.0);
         self.changed.clear();
         self.changed.resize(pixels, None);
+        self.unchanged.clear();
+        self.unchanged.resize(pixels, false);
         self.cues.clear();
         self.cues.resize(pixels, [0.0; Cue::COUNT]);
     }
@@ -371,7 +374,7 @@ impl Scene<'_> {
                 self.compare_luma(i, &model[i], offset, field);
                 continue;
             }
-            let certainty = certainty(&model[i]);
+            let certainty = model[i].certainty();
             match self.relation(z, [near[i], far[i]], shift) {
                 Relation::Nearer => {
                     field.intruding[i] = certainty;
@@ -384,6 +387,8 @@ impl Scene<'_> {
                 }
                 Relation::Same => {
                     field.explained[i] = certainty;
+                    let luma = f32::from(self.frame.gray.pixels()[i]) - model[i].gray - offset;
+                    field.unchanged[i] = unchanged::shows(&model[i], z, luma);
                     field.changed[i] = (certainty > CERTAIN).then_some(false);
                     let outline = self.is_outline(i) && self.has_edge(near[i], far[i]);
                     let weight = if outline { OUTLINE_SAME } else { MODEL_SAME };
@@ -417,7 +422,7 @@ impl Scene<'_> {
         if difference > LUMA_TOLERANCE + slip {
             field.insist(i, Cue::OtherLuma, OTHER_LUMA);
         } else {
-            field.observe(i, Cue::SameLuma, SAME_LUMA * certainty(point));
+            field.observe(i, Cue::SameLuma, SAME_LUMA * point.certainty());
         }
     }
 
@@ -477,11 +482,6 @@ impl Scene<'_> {
         }
         sum / count
     }
-}
-
-/// How surely a point of the static model is there, 0 to 1.
-fn certainty(point: &ModelPoint) -> f32 {
-    (point.hits / SURE_HITS).min(1.0)
 }
 
 /// Every how many pixels exposure is compared with the static model, …
@@ -685,6 +685,26 @@ mod tests {
         let all_but_a_row = CAMERA.pixels() / 2 - CAMERA.width;
         assert_eq!([other_luma(200.0, 60.0), other_luma(60.0, 200.0)], [all_but_a_row; 2]);
         assert_eq!(other_luma(25.0, 5.0), 0, "noise of a dark surface");
+    }
+
+    #[test]
+    fn what_shows_the_static_model_to_within_noise_is_unchanged() {
+        let look = wall(false, [0.0, 100.0]);
+        learn(&look, &look, |scene, _| {
+            let mut field = Field::default();
+            field.clear(CAMERA.pixels());
+            let point = |i: usize| ModelPoint {
+                position: CAMERA.unproject((i % CAMERA.width) as f32, (i / CAMERA.width) as f32, 2.0),
+                gray: if i == 7 { 140.0 } else { 100.0 },
+                hits: if i == 8 { 9.0 } else { 10.0 },
+            };
+            let model: Vec<ModelPoint> = (0..CAMERA.pixels()).map(point).collect();
+            let depth = vec![2.0; CAMERA.pixels()];
+            scene.compare_model(&model, [&depth, &depth], 0.0, &mut field);
+            assert!((0..CAMERA.pixels()).all(|i| field.unchanged[i] != [7, 8].contains(&i)));
+            field.clear(CAMERA.pixels());
+            assert!(!field.unchanged.contains(&true));
+        });
     }
 
     #[test]

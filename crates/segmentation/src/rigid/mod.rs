@@ -26,6 +26,7 @@ mod static_model;
 mod surfaces;
 mod territories;
 mod things;
+mod unchanged;
 mod undecided;
 mod view;
 mod votes;

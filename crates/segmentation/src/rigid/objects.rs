@@ -292,16 +292,18 @@ impl Objects {
     }
 
     /// Takes the pixels for which `is_still` holds from their objects, and drops those that keep none; odds stay.
-    pub(crate) fn give_back(&mut self, is_still: impl Fn(usize) -> bool) {
+    pub(crate) fn give_back(&mut self, is_still: impl Fn(&Object, usize) -> bool) {
         let labels = &mut self.labels;
         for object in &mut self.list {
-            object.pixels.retain(|&i| {
-                let still = is_still(i as usize);
+            let mut pixels = std::mem::take(&mut object.pixels);
+            pixels.retain(|&i| {
+                let still = is_still(object, i as usize);
                 if still {
                     labels[i as usize] = BACKGROUND;
                 }
                 !still
             });
+            object.pixels = pixels;
         }
         self.list.retain(|object| !object.pixels.is_empty());
     }

@@ -35,6 +35,11 @@ impl ModelPoint {
         self.hits >= MIN_HITS
     }
 
+    /// How surely it is there, 0 to 1.
+    pub(crate) fn certainty(&self) -> f32 {
+        (self.hits / SURE_HITS).min(1.0)
+    }
+
     /// Whether it is what a pixel shows where `z` metres are measured. Depths differ from `significance` standard deviations on.
     pub(crate) fn agrees_with(&self, z: f32, noise: &DepthNoise, significance: f32) -> bool {
         self.is_known() && (z - self.position[2]).abs() <= significance * noise.difference_sigma(z) + EDGE_SLACK * z
@@ -76,6 +81,8 @@ impl ModelPoint {
 
 /// Confirmations from which a point is believed.
 const MIN_HITS: f32 = 3.0;
+/// Confirmations from which a point is certain.
+const SURE_HITS: f32 = 10.0;
 /// Confirmations counted at most: about a second, after which a new measurement weighs a thirtieth of the old ones.
 pub(crate) const MAX_HITS: f32 = 30.0;
 /// Weight of a new luma value: follows exposure drift within a few frames.

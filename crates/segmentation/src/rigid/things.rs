@@ -73,7 +73,7 @@ pub(crate) fn settle_planes(
         .enumerate()
         .map(|(index, &moving)| surfaces.list[index].on_plane && !mostly(index, moving))
         .collect();
-    objects.give_back(|i| still.get(surfaces.labels[i] as usize).is_some_and(|s| *s));
+    objects.give_back(|_, i| still.get(surfaces.labels[i] as usize).is_some_and(|s| *s));
     let owners = objects.owners(surfaces, |index, moving| {
         let surface = &surfaces.list[index];
         surface.on_plane && surface.is_narrow(camera) && mostly(index, moving) && speaks_for_motion(index as u32)

@@ -14,6 +14,7 @@ use crate::rigid::regions::{BACKGROUND, Component, components, fill_rectangle};
 use crate::rigid::static_model::{ModelPoint, StaticModel};
 use crate::rigid::surfaces::Relief;
 use crate::rigid::things;
+use crate::rigid::unchanged;
 use crate::rigid::undecided::Findings;
 use crate::rigid::view::{Pinhole, ViewFrame};
 
@@ -31,6 +32,8 @@ const BORDER: f32 = 3.0;
 const MIN_REST: f64 = 0.2;
 /// What is left of a known object may be smaller than a new one, by this share: it leaves the view, or something hides it.
 const KNOWN_AREA: f64 = 0.25;
+/// Confidence from which an object is established: it has moved for a fifth of a second at least.
+const ESTABLISHED: f32 = 0.5;
 /// Holes of a mask up to this share of the image are filled.
 const HOLE_SHARE: f64 = 0.002;
 
@@ -91,6 +94,7 @@ impl RigidSegmenter {
         let believed = new.into_iter().zip(&self.new_regions).filter(|(_, judged)| judged.believed);
         found.extend(believed.map(|(component, _)| component));
         self.objects.update(found, &self.field.motion, time);
+        self.give_back_unchanged();
         if self.config.rigid_planes {
             let (cues, surfaces) = (&self.field.cues, &self.surfaces);
             let speaks_for_motion = |surface| credibility::speaks_for_motion(cues, &surfaces.pixels(surface));
@@ -100,6 +104,15 @@ impl RigidSegmenter {
         self.assign_undecided(rgb);
         self.release(time);
         self.draw_mask();
+    }
+
+    /// Takes from established objects what has surely stayed as it was: evidence from beside it has spread there. Of what sets off, the
+    /// inside stays as it was for some frames.
+    fn give_back_unchanged(&mut self) {
+        let (camera, unchanged) = (&self.view.camera, &self.field.unchanged);
+        self.objects.give_back(|object, i| {
+            object.confidence >= ESTABLISHED && unchanged::is_among_its_like(camera, unchanged, i)
+        });
     }
 
     /// Extends objects over things of which they hold a good part: whoever stands and gestures is more than arms.
@@ -203,6 +216,28 @@ mod tests {
         segmenter.field.cues.iter_mut().for_each(|cues| cues[cue as usize] = weight);
         let pixels = (0..400).map(|k| ((100 + k / 20) * 320 + column + k % 20) as u32).collect();
         segmenter.judge(&Component { pixels }, 1.0).believed
+    }
+
+    #[test]
+    fn established_objects_give_back_what_has_stayed_as_it_was() {
+        let camera = Camera::new((320, 240), [260.0, 260.0, 159.5, 119.5], Distortion::default()).unwrap();
+        let mut segmenter = RigidSegmenter::new(&camera, &SegmentationConfig::default(), 0);
+        let size = segmenter.view.camera.pixels();
+        segmenter.field.clear(size);
+        segmenter.objects.clear(size);
+        // Rows 100 to 120, of which columns 50 to 60 have stayed.
+        let pixels: Vec<u32> = (0..400).map(|k| (100 + k / 20) * 320 + 40 + k % 20).collect();
+        for &i in pixels.iter().filter(|&&i| i % 320 >= 50) {
+            segmenter.field.unchanged[i as usize] = true;
+        }
+        segmenter.objects.update(vec![Component { pixels }], &vec![1.0; size], 0.0);
+        let kept = |segmenter: &mut RigidSegmenter| {
+            segmenter.give_back_unchanged();
+            segmenter.objects.list[0].pixels.len()
+        };
+        assert_eq!(kept(&mut segmenter), 400, "it has only just set off");
+        segmenter.objects.list[0].confidence = ESTABLISHED;
+        assert_eq!(kept(&mut segmenter), 200 + 4 * 3, "at a corner three pixels have other ones around them");
     }
 
     #[test]
