@@ -11,7 +11,7 @@ sequences is drawn from the seed, so that another seed makes sequences on which 
 Mask: 255 = moving, 128 = to be ignored, 0 = static. People are 255 as long as they are there, also while they pause. A box that was put
 down is 128 for 2.5 s and 0 from then on; what sets off is 0 until it is 2 cm from where it stood. Movers are z-tested against the
 real depth (holes take the nearest valid depth). Their depth has noise, disparity quantisation, ragged outlines, nothing nearer than
-0.5 m, and a projector shadow on the left.
+0.5 m, and a projector shadow on the left. Unlike a Kinect's it reaches the border of the image.
 """
 
 import argparse
