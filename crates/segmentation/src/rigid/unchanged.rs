@@ -40,7 +40,7 @@ mod tests {
     const CAMERA: Pinhole = Pinhole { width: 12, height: 9, fx: 10.0, fy: 10.0, cx: 5.5, cy: 4.0 };
 
     #[test]
-    fn a_pixel_shows_a_point_that_is_certain_as_bright_and_not_behind_it() {
+    fn what_shows_a_point_is_as_bright_and_no_nearer() {
         let point = |hits: f32| ModelPoint { position: [0.0, 0.0, 2.0], gray: 100.0, hits };
         assert!(shows(&point(10.0), 2.0, -9.0));
         assert!(!shows(&point(9.0), 2.0, 0.0), "it was not seen often");
