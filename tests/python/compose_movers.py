@@ -11,7 +11,7 @@ sequences is drawn from the seed, so that another seed makes sequences on which 
 Mask: 255 = moving, 128 = to be ignored, 0 = static. People are 255 as long as they are there, also while they pause. A box that was put
 down is 128 for 2.5 s and 0 from then on; what sets off is 0 until it is 2 cm from where it stood. Movers are z-tested against the
 real depth (holes take the nearest valid depth). Their depth has noise, disparity quantisation, ragged outlines, nothing nearer than
-0.5 m, and a projector shadow on the left. Unlike a Kinect's it reaches the border of the image.
+0.5 m, and a projector shadow on the left; in the fr1 sequences there is none where the real sensor never measured any, along the border.
 """
 
 import argparse
@@ -602,6 +602,8 @@ class Fr1:
         self.path = Path3(np.loadtxt(self.folder / "groundtruth.txt"))
         self.rgb = [(s, self.folder / p) for s, _, p in tum.listed(self.folder, "rgb.txt")]
         self.depth = [(s, self.folder / p) for s, _, p in tum.listed(self.folder, "depth.txt")]
+        # Registered to the colour camera, the depth image ends before that does.
+        self.measurable = np.any([metres(path) > 0 for _, path in self.depth], axis=0)
 
     def nearest_depth(self, stamp: float) -> tuple[float, Path]:
         return min(self.depth, key=lambda d: abs(d[0] - stamp))
@@ -630,7 +632,7 @@ def compose_fr1(data: Path, folder: Path, scene: Scene, rng: np.random.Generator
 
     composed = {}
     for stamp, path in source.depth:
-        composed[stamp] = with_depth(metres(path), seen(stamp)[0], rng)
+        composed[stamp] = with_depth(metres(path), seen(stamp)[0], rng) * source.measurable
         writer.depth(stamp, composed[stamp])
     for i, (stamp, path) in enumerate(source.rgb):
         z, colour, label = seen(stamp)
